@@ -1,0 +1,1 @@
+"""The framework: messages, contracts, configuration, runtime. It knows no plugin by name."""

@@ -1,0 +1,1 @@
+"""Localisers that ship with Knotwork."""
