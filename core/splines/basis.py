@@ -12,7 +12,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from knotwork.core.kernel import kernel
+from knotwork.core.kernel import inlined, kernel
 
 Array = NDArray[Any]
 Four = tuple[float, float, float, float]
@@ -20,7 +20,7 @@ Four = tuple[float, float, float, float]
 MAX_DEGREE = 5
 
 
-@kernel
+@inlined
 def locate(tau: float, origin: float, step: float) -> tuple[int, float]:
     """Return (mu, t): the last acting function and the local coordinate, of one quotient and one floor."""
     quotient = (tau - origin) / step
@@ -28,7 +28,7 @@ def locate(tau: float, origin: float, step: float) -> tuple[int, float]:
     return int(whole), quotient - whole
 
 
-@kernel
+@inlined
 def cubic(t: float) -> Four:
     """Return the four cubic weights of control points mu - 3 ... mu."""
     u = 1.0 - t
@@ -42,14 +42,14 @@ def cubic(t: float) -> Four:
     )
 
 
-@kernel
+@inlined
 def cubic_slope(t: float) -> Four:
     """Return the derivatives of the four cubic weights with respect to t."""
     u = 1.0 - t
     return -0.5 * u * u, t * (1.5 * t - 2.0), u * (2.0 - 1.5 * u), 0.5 * t * t
 
 
-@kernel
+@inlined
 def cubic_bend(t: float) -> Four:
     """Return the second derivatives of the four cubic weights with respect to t."""
     return 1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from knotwork.core.errors import KnotworkError
-from knotwork.core.kernel import kernel
+from knotwork.core.kernel import inlined, kernel
 
 Array = NDArray[Any]
 
@@ -25,7 +25,7 @@ MASK = SIDE - 1
 _MAX_DIRECTORY = 1 << 26  # tiles in the bounding box: 13 km by 13 km of 5 cm cells
 
 
-@kernel
+@inlined
 def slot_of(directory: Array, oi: int, oj: int, i: int, j: int) -> int:
     """Return the slot of the tile that holds element (i, j), 0 (the background) where none was claimed."""
     a = np.uint64((i >> BITS) - oi)
@@ -35,14 +35,14 @@ def slot_of(directory: Array, oi: int, oj: int, i: int, j: int) -> int:
     return 0
 
 
-@kernel
+@inlined
 def read(pool: Array, directory: Array, oi: int, oj: int, i: int, j: int) -> float:
     """Return element (i, j)."""
     slot = np.uint64(slot_of(directory, oi, oj, i, j))
     return pool[slot, np.uint64(i & MASK), np.uint64(j & MASK)]  # type: ignore[no-any-return]
 
 
-@kernel
+@inlined
 def in_one_tile(i: int, j: int, width: int) -> bool:
     """Return whether the patch of width x width elements that starts at (i, j) lies in one tile."""
     return (i & MASK) <= SIDE - width and (j & MASK) <= SIDE - width
