@@ -136,7 +136,7 @@ def load_object(path: str, whose: str) -> Any:
     module, _, name = path.partition(":")
     try:
         return getattr(importlib.import_module(module), name)
-    except (Exception, SystemExit) as error:  # noqa: BLE001
+    except (Exception, SystemExit) as error:
         raise InputError(f"{path!r} cannot be imported: {_cause(error)}", where=whose) from error
 
 
