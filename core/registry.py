@@ -88,7 +88,8 @@ class Registry:
         InputError
             It cannot be imported; the cause is in the message.
         """
-        return load_object(manifest.impl, f"plugin {manifest.name}")
+        implementation: type[Any] = load_object(manifest.impl, f"plugin {manifest.name}")
+        return implementation
 
     def nearest(self, name: str) -> str:
         """Return a hint that names the closest plugin, or how to list them."""
@@ -113,10 +114,11 @@ class Registry:
         if isinstance(found, ModuleType):
             give = getattr(found, "knotwork_manifests", None)
             found = give() if give is not None else getattr(found, "MANIFEST", found)
-        manifests = list(found) if isinstance(found, list | tuple) else [found]
-        for manifest in manifests:
+        manifests: list[Manifest] = []
+        for manifest in found if isinstance(found, list | tuple) else [found]:
             if not isinstance(manifest, Manifest):
                 raise TypeError(f"expected a knotwork.core.manifest.Manifest, got {type(manifest).__name__}")
+            manifests.append(manifest)
         return manifests
 
     def _add(self, manifest: Manifest, distribution: str) -> None:
@@ -148,13 +150,17 @@ def _unusable(manifest: Manifest) -> str:
         todo = "update knotwork" if newer else "update the plugin"
         return f"written for contract {manifest.contract}, this is contract {CONTRACT_VERSION}: {todo}"
     for model in (manifest.config, manifest.options):
-        if model is not None and not (isinstance(model, type) and issubclass(model, BaseModel)):
+        if model is not None and not _is_model(model):
             return f"config must be a pydantic model class, got {model!r}"
     missing = [name for name in manifest.requires if importlib.util.find_spec(name.partition(".")[0]) is None]
     if missing:
         needed = f"pip install 'knotwork[{manifest.extra}]'" if manifest.extra else f"pip install {' '.join(missing)}"
         return f"needs {', '.join(missing)}: {needed}"
     return ""
+
+
+def _is_model(model: object) -> bool:
+    return isinstance(model, type) and issubclass(model, BaseModel)
 
 
 def _distribution(point: EntryPoint) -> str:
