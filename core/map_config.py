@@ -1,5 +1,6 @@
 """The config keys that all maps share, so that changing `plugin:` is the whole swap."""
 
+import itertools
 from typing import Annotated
 
 from pydantic import Field, field_validator
@@ -34,6 +35,6 @@ class MapConfig(PluginConfig):
     @field_validator("resolution")
     @classmethod
     def _coarse_to_fine(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if any(fine >= coarse for coarse, fine in zip(value, value[1:], strict=False)):
+        if any(fine >= coarse for coarse, fine in itertools.pairwise(value)):
             raise ValueError("must run from coarse to fine, each smaller than the one before")
         return value

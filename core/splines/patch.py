@@ -223,9 +223,7 @@ def _value_gradient_across(
 
 
 @inlined
-def cubic_value(
-    pool: Array, directory: Array, oi: int, oj: int, i: int, j: int, tx: float, ty: float
-) -> float:
+def cubic_value(pool: Array, directory: Array, oi: int, oj: int, i: int, j: int, tx: float, ty: float) -> float:
     """Return the value of the patch that starts at element (i, j)."""
     return cubic_value_gradient(pool, directory, oi, oj, i, j, tx, ty)[0]
 
