@@ -124,9 +124,7 @@ class Alignment(ABC):
     levels: int  # number of resolutions, 0 the coarsest
 
     @abstractmethod
-    def normal_equations(
-        self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0
-    ) -> NormalEquations:
+    def normal_equations(self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> NormalEquations:
         """Return H, g and cost at `pose` (3,) in one pass."""
 
     @abstractmethod
@@ -171,9 +169,7 @@ class Map(Node, ABC):
         """Return occupancy at map `points` (n, 2): in [-1, 1], -1 free, 0 unknown, 1 occupied, shape (n,)."""
 
     @abstractmethod
-    def rasterize(
-        self, resolution: float | None = None
-    ) -> tuple[NDArray[np.int8], float, tuple[float, float, float]]:
+    def rasterize(self, resolution: float | None = None) -> tuple[NDArray[np.int8], float, tuple[float, float, float]]:
         """Return cells, resolution and origin as in `messages.Grid`."""
 
     @property
