@@ -85,3 +85,10 @@ def fill_derivative(t: float, degree: int, order: int, out: Array) -> None:
         for r in range(p - 1, 0, -1):
             out[r] = out[r - 1] - out[r]
         out[0] = -out[0]
+
+
+@kernel
+def fill_rows(t: Array, degree: int, order: int, out: Array) -> None:
+    """Write `fill_derivative` of each t (n,) into the rows of `out` (n, degree + 1)."""
+    for k in range(t.shape[0]):
+        fill_derivative(t[k], degree, order, out[k])

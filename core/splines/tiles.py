@@ -174,16 +174,24 @@ class TiledArray:
     def block(self, i0: int, j0: int, i1: int, j1: int) -> NDArray[Any]:
         """Return a copy of elements [i0, i1) x [j0, j1)."""
         out = np.full((max(i1 - i0, 0), max(j1 - j0, 0)), self.fill, self.dtype)
-        for inside, tile in self._pieces(i0, j0, i1, j1):
+        for _, inside, tile in self._pieces(i0, j0, i1, j1):
             out[inside] = tile
         return out
 
-    def write_block(self, i0: int, j0: int, values: NDArray[Any]) -> None:
-        """Write `values` (n, m) from element (i0, j0) on; claims the tiles."""
+    def write_block(self, i0: int, j0: int, values: NDArray[Any], *, claim: bool = True) -> None:
+        """Write `values` (n, m) from element (i0, j0) on; without `claim` only into tiles that exist."""
+        i1, j1 = i0 + values.shape[0], j0 + values.shape[1]
+        if claim:
+            self.reserve_box(i0, j0, i1, j1)
+        for _, inside, tile in self._pieces(i0, j0, i1, j1):
+            tile[...] = values[inside]
+
+    def blend_block(self, i0: int, j0: int, values: NDArray[Any], share: float, known: int) -> None:
+        """Mix `share` of `values` into tiles of slots below `known`, write it into all others."""
         i1, j1 = i0 + values.shape[0], j0 + values.shape[1]
         self.reserve_box(i0, j0, i1, j1)
-        for inside, tile in self._pieces(i0, j0, i1, j1):
-            tile[...] = values[inside]
+        for slot, inside, tile in self._pieces(i0, j0, i1, j1):
+            tile[...] = (1 - share) * tile + share * values[inside] if slot < known else values[inside]
 
     def bounds(self) -> tuple[int, int, int, int]:
         """Return the box (i0, j0, i1, j1) of the claimed tiles, in elements; all 0 if there is none."""
@@ -216,8 +224,8 @@ class TiledArray:
         """Return an independent copy without reserve."""
         return TiledArray.from_claimed(*self.claimed(), fill=self.fill)
 
-    def _pieces(self, i0: int, j0: int, i1: int, j1: int) -> list[tuple[tuple[slice, slice], NDArray[Any]]]:
-        """Cut a box at tile borders: (place inside the box, view into the tile), claimed tiles only."""
+    def _pieces(self, i0: int, j0: int, i1: int, j1: int) -> list[tuple[int, tuple[slice, slice], NDArray[Any]]]:
+        """Cut a box at tile borders: (slot, place inside the box, view into the tile), claimed tiles only."""
         pieces = []
         ni, nj = self.directory.shape
         for ti in range(max(i0 >> BITS, self.oi), min(((i1 - 1) >> BITS) + 1, self.oi + ni)):
@@ -228,7 +236,8 @@ class TiledArray:
                 if slot and low_i < high_i and low_j < high_j:
                     rows = slice(low_i - ti * SIDE, high_i - ti * SIDE)
                     tile = self.pool[slot, rows, low_j - tj * SIDE : high_j - tj * SIDE]
-                    pieces.append(((slice(low_i - i0, high_i - i0), slice(low_j - j0, high_j - j0)), tile))
+                    inside = slice(low_i - i0, high_i - i0), slice(low_j - j0, high_j - j0)
+                    pieces.append((int(slot), inside, tile))
         return pieces
 
 
