@@ -68,7 +68,7 @@ class LogDriver(Driver):
                 first = latest = messages[0][1].stamp
             for port, message in messages:
                 latest = max(latest, message.stamp)  # stamps may run backwards; the window must not flicker
-                elapsed = (latest - first) * 1e-9
+                elapsed = (latest - first) / 1e9
                 if self.settings.stop is not None and elapsed > self.settings.stop:
                     self._finish(file)
                     return
