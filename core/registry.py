@@ -91,8 +91,8 @@ class Registry:
         InputError
             It cannot be imported; the cause is in the message.
         """
-        found: type[Any] = load_object(manifest.impl, f"plugin {manifest.name}")
-        return found
+        implementation: type[Any] = load_object(manifest.impl, f"plugin {manifest.name}")
+        return implementation
 
     def nearest(self, name: str) -> str:
         """Return a hint that names the closest plugin, or how to list them."""
@@ -139,10 +139,11 @@ class Registry:
         if isinstance(found, ModuleType):
             give = getattr(found, "knotwork_manifests", None)
             found = give() if give is not None else getattr(found, "MANIFEST", found)
-        manifests = list(found) if isinstance(found, list | tuple) else [found]
-        for manifest in manifests:
+        manifests: list[Manifest] = []
+        for manifest in found if isinstance(found, list | tuple) else [found]:
             if not isinstance(manifest, Manifest):
                 raise TypeError(f"expected a knotwork.core.manifest.Manifest, got {type(manifest).__name__}")
+            manifests.append(manifest)
         return manifests
 
 
@@ -164,7 +165,7 @@ def _unusable(manifest: Any) -> str:
         todo = "update knotwork" if newer else "update the plugin"
         return f"written for contract {manifest.contract}, this is contract {CONTRACT_VERSION}: {todo}"
     for model in (manifest.config, manifest.options):
-        if model is not None and not (isinstance(model, type) and issubclass(model, BaseModel)):
+        if model is not None and not _is_model(model):
             return f"config must be a pydantic model class, got {model!r}"
     return ""
 
@@ -175,6 +176,10 @@ def _missing(manifest: Manifest) -> str:
         return ""
     needed = f"pip install 'knotwork[{manifest.extra}]'" if manifest.extra else f"pip install {' '.join(absent)}"
     return f"needs {', '.join(absent)}: {needed}"
+
+
+def _is_model(model: object) -> bool:
+    return isinstance(model, type) and issubclass(model, BaseModel)
 
 
 def _distribution(point: EntryPoint) -> str:

@@ -14,6 +14,7 @@ BUILTINS = (
     "knotwork.plugins.sinks.mcap",
     "knotwork.plugins.sinks.summary",
     "knotwork.plugins.sinks.trajectory",
+    "knotwork.plugins.commands.demo",
     "knotwork.plugins.commands.evaluate",
     "knotwork.plugins.commands.log",
 )

@@ -59,12 +59,12 @@ class Console:
             if self._terminal:
                 filled = round((share or 0.0) * _BAR)
                 bar = f"[{'#' * filled}{'.' * (_BAR - filled)}] {share:4.0%} " if share is not None else ""
-                sys.stderr.write(f"\r\x1b[K{bar}{wall:.0f} s, {run.seq} messages")
+                sys.stderr.write(f"\r\x1b[K{bar}{wall:.0f} s, {run.messages} messages")
                 sys.stderr.flush()
                 self._shown = True
             else:
                 done = f"{share:.0%}, " if share is not None else ""
-                sys.stderr.write(f"{done}{wall:.0f} s, {run.seq} messages\n")
+                sys.stderr.write(f"{done}{wall:.0f} s, {run.messages} messages\n")
 
 
 def table(statistics: dict[str, Any]) -> str:

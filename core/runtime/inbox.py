@@ -3,43 +3,48 @@
 from collections import deque
 from dataclasses import dataclass
 from threading import Condition
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from knotwork.core.messages import Message
 
+if TYPE_CHECKING:
+    from knotwork.core.runtime.dispatcher import Outlet
+
 Policy = Literal["block", "drop-oldest", "latest"]
-
-
-@dataclass(slots=True)
-class Entry:
-    """A waiting message; `message` is None once it has been dropped."""
-
-    channel: "Channel"
-    message: Message | None
-    arrived: int  # monotonic [ns]
 
 
 class Channel:
     """The bounded queue of one stream; `drops` counts what did not fit."""
 
-    def __init__(self, name: str, size: int, policy: Policy) -> None:
-        self.name = name
+    def __init__(self, size: int, policy: Policy) -> None:
         self.size = 1 if policy == "latest" else size
         self.policy = policy
         self.drops = 0
         self.waiting: deque[Entry] = deque()
 
 
+@dataclass(slots=True)
+class Entry:
+    """A waiting message; `message` is None once it has been dropped."""
+
+    outlet: "Outlet"
+    message: Message | None
+
+
 class Inbox:
-    """All channels, taken in order of arrival."""
+    """The channels of all streams, taken in order of arrival."""
 
     def __init__(self) -> None:
         self._entries: deque[Entry] = deque()
         self._changed = Condition()
         self._closed = False
 
-    def put(self, channel: Channel, message: Message, arrived: int) -> None:
+    def __bool__(self) -> bool:
+        return bool(self._entries)
+
+    def put(self, outlet: "Outlet", message: Message) -> None:
         """Leave a message; a full channel blocks or drops its oldest, as its policy says."""
+        channel = outlet.channel
         with self._changed:
             while len(channel.waiting) >= channel.size and not self._closed:
                 if channel.policy == "block":
@@ -50,7 +55,7 @@ class Inbox:
             if self._closed:
                 channel.drops += 1
                 return
-            entry = Entry(channel, message, arrived)
+            entry = Entry(outlet, message)
             channel.waiting.append(entry)
             self._entries.append(entry)
             self._changed.notify_all()
@@ -62,22 +67,14 @@ class Inbox:
                 while self._entries:
                     entry = self._entries.popleft()
                     if entry.message is not None:
-                        entry.channel.waiting.popleft()
+                        entry.outlet.channel.waiting.popleft()
                         self._changed.notify_all()
                         return entry
                 if timeout <= 0 or not self._changed.wait(timeout):
                     return None
-
-    def wake(self) -> None:
-        """Make a waiting `take` look again."""
-        with self._changed:
-            self._changed.notify_all()
 
     def close(self) -> None:
         """Refuse what comes from now on; whoever waits for room goes on."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-
-    def __bool__(self) -> bool:
-        return bool(self._entries)

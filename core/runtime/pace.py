@@ -1,9 +1,6 @@
 """When the next thing may happen: at once, or as the wall clock allows."""
 
-from threading import Event
-
 from knotwork.core import clock
-from knotwork.core.runtime.inbox import Inbox
 
 _LONGEST_WAIT = 0.2  # s; a stop is noticed this late at most
 
@@ -11,11 +8,9 @@ _LONGEST_WAIT = 0.2  # s; a stop is noticed this late at most
 class Pace:
     """Ties the run's time to the wall clock at a rate; a rate of None runs free."""
 
-    def __init__(self, rate: float | None, stop: Event, inbox: Inbox) -> None:
+    def __init__(self, rate: float | None) -> None:
         self.begun = False
         self._rate = rate
-        self._stop = stop
-        self._inbox = inbox
         self._time = 0
         self._wall = 0
 
@@ -32,10 +27,8 @@ class Pace:
         return self._time + round((clock.monotonic() - self._wall) * self._rate)
 
     def wait(self, event_time: int | None, due: int | None) -> float:
-        """Return how long [s] nothing is due; 0 when the next event or timer may happen now."""
-        if not self.begun:
-            return 0.0 if event_time is not None else _LONGEST_WAIT
-        if self._rate is None:
+        """Return how long [s] nothing may happen; 0 when the next event or timer is due."""
+        if self._rate is None or not self.begun:
             return 0.0 if event_time is not None else _LONGEST_WAIT
         times = [t for t in (event_time, due) if t is not None]
         if not times:

@@ -39,6 +39,12 @@ class Source:
         if self.item is not None:
             self.time = max(self.time, self.item if isinstance(self.item, int) else self.item[1].stamp)
 
+    def close(self) -> None:
+        """Let a generator run its `finally` blocks."""
+        close = getattr(self._events, "close", None)
+        if close is not None:
+            close()
+
 
 @dataclass(slots=True)
 class Timer:
