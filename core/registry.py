@@ -103,16 +103,11 @@ class Registry:
         """Add one manifest; a name that is taken stays with its first owner."""
         cause = _unusable(manifest)
         missing = not cause and (cause := _missing(manifest)) != ""
-        if not cause:
-            for name, path in manifest.message_types.items():
-                try:
-                    message_types.register(name, path)
-                except KnotworkError as error:
-                    cause = error.message
         kind = manifest.kind if manifest.kind in KINDS else "?"
         known = self._records.get(manifest.name)
         if known is not None:
             cause, missing = f"the name {manifest.name!r} is taken by {known.distribution}", False
+        cause = cause or _register_types(manifest)
         self._keep(Record(str(manifest.name), kind, distribution, manifest, cause, source, missing))
 
     def _keep(self, record: Record) -> None:
@@ -176,6 +171,16 @@ def _missing(manifest: Manifest) -> str:
         return ""
     needed = f"pip install 'knotwork[{manifest.extra}]'" if manifest.extra else f"pip install {' '.join(absent)}"
     return f"needs {', '.join(absent)}: {needed}"
+
+
+def _register_types(manifest: Manifest) -> str:
+    """Make the plugin's message types known; return why that cannot be done."""
+    for name, path in manifest.message_types.items():
+        try:
+            message_types.register(name, path)
+        except KnotworkError as error:
+            return error.message
+    return ""
 
 
 def _is_model(model: object) -> bool:

@@ -1,5 +1,7 @@
 """The policy around pure pursuit."""
 
+import math
+
 from knotwork.core.contracts import Context, Policy
 from knotwork.core.errors import InputError
 from knotwork.core.messages import Pose, Twist
@@ -10,7 +12,7 @@ from knotwork.plugins.policies.follow_path.pursuit import Limits, Polyline, Purs
 
 
 class FollowPath(Policy):
-    """Answers every pose with a command; stands while the pose is said to be lost."""
+    """Answers every pose with a command; stands while the pose is said to be lost, or is not a number."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -21,7 +23,9 @@ class FollowPath(Policy):
 
     def on_pose(self, message: Pose) -> None:
         """Emit the command for a pose."""
-        v, w = (0.0, 0.0) if message.lost else self.pursuit.command(message.pose.tolist())
+        x, y, yaw = message.pose.tolist()
+        stand = message.lost or not math.isfinite(x + y + yaw)
+        v, w = (0.0, 0.0) if stand else self.pursuit.command([x, y, yaw])
         if self.pursuit.done and not self._told:
             self._told = True
             self.context.report("info", f"end of the path, {self.pursuit.path.length:.1f} m")
