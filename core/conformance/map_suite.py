@@ -232,7 +232,7 @@ class MapSuite(NodeSuite):
     def test_memory(self, tmp_path: Path) -> None:
         """Memory is counted, grows with the area seen and does not pay for the space between two rooms."""
         small = self.built(tmp_path / "small")
-        large = self.built(tmp_path / "large", Room(5 * self.room.width, 5 * self.room.depth))
+        large = self.built(tmp_path / "large", Room(3 * self.room.width, 3 * self.room.depth))
         one = small.nbytes
         assert one > 0
         assert large.nbytes > one

@@ -19,7 +19,7 @@ class Room:
     def ranges(self, pose: F64, angles: F64) -> F64:
         """Return the distance [m] to the wall along each map angle `angles` (n,) [rad] from a pose inside."""
         c, s = np.cos(angles), np.sin(angles)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             tx = (np.sign(c) * self.width / 2 - pose[0]) / c
             ty = (np.sign(s) * self.depth / 2 - pose[1]) / s
         tx[c == 0] = np.inf

@@ -88,7 +88,8 @@ class RoomAlignment(Alignment):
         r = scan.ranges.astype(float)
         angles = scan.angle_min + scan.angle_increment * np.arange(len(r)) + scan.mount[2]
         valid = np.isfinite(r) & (r >= scan.range_min) & (r < scan.range_max)
-        ends = np.column_stack([r * np.cos(angles), r * np.sin(angles)])[valid]
+        r, angles = r[valid], angles[valid]
+        ends = np.column_stack([r * np.cos(angles), r * np.sin(angles)])
         self._points = ends + np.asarray(scan.mount[:2])
 
     def _ends(self, pose: F64) -> tuple[F64, F64]:
