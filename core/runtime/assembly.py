@@ -80,7 +80,8 @@ def _wire(
     for stream in graph.streams:
         channel = Channel(*_queue(pipeline.nodes[stream.node], graph))
         outlets[stream] = contexts[stream.node].outlets[stream.port] = Outlet(stream, str(stream), channel)
-    for edge in graph.edges:
+    # A used node hears of a message before its user does: a prior takes a scan before the localiser asks it.
+    for edge in sorted(graph.edges, key=lambda e: graph.order.index(e.node)):
         outlet = outlets[edge.stream]
         worker = workers.get(edge.node)
         if worker is None:

@@ -70,7 +70,7 @@ class EkfConfig(PluginConfig):
         (0.2, 0.2), "m, rad", "a correction that moves the pose by less than both is never refused"
     )
     gate_patience: int = quantity(
-        5, "corrections", "after so many refused in a row the next one is believed", ge=1
+        3, "corrections", "after so many refused in a row the next one is believed", ge=1
     )
     correction_sigma: tuple[Positive, Positive] = quantity(
         (0.02, 0.01), "m, rad", "sigma of a correction that states none"
