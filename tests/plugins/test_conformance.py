@@ -26,6 +26,25 @@ class TestCarmen(DriverSuite):
         return {"path": str(folder / "log.clf")}
 
 
+class TestGazeboText(DriverSuite):
+    plugin = "gazebo-text"
+
+    def files(self, folder: Path):
+        ranges = " ".join(f"{1 + 0.001 * i:.3f}" for i in range(360))
+        lines = [f"0.{i} 0 0.1 0 6.26573 0.017453 {ranges}\n" for i in range(10)]
+        (folder / "log.txt").write_text("".join(lines))
+        return {"path": str(folder / "log.txt")}
+
+
+class TestMinesrover(DriverSuite):
+    plugin = "minesrover"
+
+    def files(self, folder: Path):
+        lines = (f"{1_000_000 + 100_000 * i} 0 {7 * i} {9 * i} {'0 ' * 20}{'1500 ' * 682}0\n" for i in range(10))
+        (folder / "log.dat").write_text("".join(lines))
+        return {"path": str(folder / "log.dat")}
+
+
 class TestSim2d(DriverSuite):
     plugin = "sim2d"
     config = {"duration": 4.0}
@@ -42,6 +61,10 @@ class TestFollowPath(PolicySuite):
 
 class TestEvaluate(CommandSuite):
     plugin = "evaluate"
+
+
+class TestDemo(CommandSuite):
+    plugin = "demo"
 
 
 class TestLog(CommandSuite):
@@ -77,5 +100,6 @@ class TestTrajectory(SinkSuite):
 
 
 def test_every_plugin_that_ships_has_its_suite():
-    suites = {c.plugin for c in globals().values() if isinstance(c, type) and issubclass(c, PluginSuite) and hasattr(c, "plugin")}
+    classes = [c for c in globals().values() if isinstance(c, type) and issubclass(c, PluginSuite)]
+    suites = {c.plugin for c in classes if hasattr(c, "plugin")}
     assert suites == set(Registry(third_parties=False).names())
