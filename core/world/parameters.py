@@ -51,7 +51,7 @@ class LidarParameters(PluginConfig):
     sweep: float | None = quantity(
         None, "s", "time from the first beam of a turn to the end; 0: all at once; none: 1 / rate", ge=0
     )
-    clockwise: bool = Field(True, description="beams are measured in the order of falling angle")
+    clockwise: bool = Field(default=True, description="beams are measured in the order of falling angle")
     range_min: float = quantity(0.12, "m", "nearer returns are invalid (NaN)", ge=0)
     range_max: float = quantity(3.5, "m", "farther returns are no return (inf)", gt=0)
     mount: tuple[float, float, float] = quantity(
