@@ -82,9 +82,13 @@ class SimulatedBase:
         """
         if not (isfinite(v) and isfinite(w)):
             raise ValueError(f"a command must be finite, got v = {v}, w = {w}")
-        p = self.parameters
-        self._goal = limited(*wheel_speeds(v, w, p.wheel_separation), p.wheel_speed_max)
-        return body_twist(*self._goal, p.wheel_separation)
+        separation = self.parameters.wheel_separation
+        return body_twist(*self.command_wheels(*wheel_speeds(v, w, separation)), separation)
+
+    def command_wheels(self, left: float, right: float) -> tuple[float, float]:
+        """Set the goal as rim speeds [m/s]; returns them as limited by the wheels."""
+        self._goal = limited(left, right, self.parameters.wheel_speed_max)
+        return self._goal
 
     def step(self, start: int, end: int) -> tuple[Leg, Reading]:
         """Move from time `start` to `end` [ns] under the goal; returns the motion and the readings."""

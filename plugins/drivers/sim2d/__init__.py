@@ -23,6 +23,9 @@ class Config(PluginConfig):
         None, "m, m, rad", "start pose in the world's frame; none: the world's own"
     )
     duration: float = quantity(60.0, "s", "length of the run", gt=0)
+    stop_when_idle: float = quantity(
+        0.0, "s", "end the run when the robot has stood this long after it has moved; 0: never", ge=0
+    )
     rate: float = quantity(50.0, "Hz", "steps a second: of commands, odometry, wheels and imu", gt=0, le=1000)
     noise: bool = Field(True, description="false: no slip, no sensor errors, no encoder ticks")
     odometry: Literal["gyro", "wheels"] = Field(

@@ -54,6 +54,7 @@ class Sim2d(Driver):
         self._blocked_before = False
         self._length = 0.0
         self._time = 0
+        self._moved: int | None = None  # time of the last motion of a wheel [ns]
 
     def warm(self) -> None:
         """Compile the kernels of motion and ray casting."""
@@ -85,6 +86,8 @@ class Sim2d(Driver):
             else:
                 yield from self._step(self._stamp(k - 1), stamp)
             self._time = stamp
+            if self._idle(stamp):
+                return
 
     def stop_motion(self) -> None:
         """Forget the command."""
@@ -97,6 +100,12 @@ class Sim2d(Driver):
     def statistics(self) -> dict[str, float]:
         """Say how far the body truly moved [m] and which range error this run has."""
         return {"path_length_m": self._length, "range_scale": self.lidar.scale}
+
+    def _idle(self, now: int) -> bool:
+        if self.base.left != 0.0 or self.base.right != 0.0:
+            self._moved = now
+        patience = self.config.stop_when_idle * 1e9
+        return patience > 0.0 and self._moved is not None and now - self._moved >= patience
 
     def _stamp(self, k: int) -> int:
         return round(k * 1e9 / self.config.rate)

@@ -10,7 +10,7 @@ from knotwork.plugins.policies.follow_path.pursuit import Limits, Polyline, Purs
 
 
 class FollowPath(Policy):
-    """Answers every pose with a command; stands while the pose is said to be lost."""
+    """Answers every predicted pose with a command; stands while the pose is said to be lost."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -18,10 +18,18 @@ class FollowPath(Policy):
         limits = Limits(**{name: getattr(config, name) for name in Limits.__dataclass_fields__})
         self.pursuit = Pursuit(_path(config, context.name), limits)
         self._told = False
+        self._lost = False
+
+    def on_estimate(self, message: Pose) -> None:
+        """Note whether the localiser believes its pose."""
+        if message.lost != self._lost:
+            text = "the pose is lost: waiting" if message.lost else "the pose is found: going on"
+            self.context.report("info", text)
+        self._lost = message.lost
 
     def on_pose(self, message: Pose) -> None:
         """Emit the command for a pose."""
-        v, w = (0.0, 0.0) if message.lost else self.pursuit.command(message.pose.tolist())
+        v, w = (0.0, 0.0) if message.lost or self._lost else self.pursuit.command(message.pose.tolist())
         if self.pursuit.done and not self._told:
             self._told = True
             self.context.report("info", f"end of the path, {self.pursuit.path.length:.1f} m")

@@ -71,6 +71,13 @@ def test_the_wheels_ramp_and_saturate_with_the_curvature_kept():
     assert base.right == pytest.approx(v + 0.08 * w - 1.5 * 0.02)
 
 
+def test_wheels_can_be_commanded_one_by_one():
+    base = SimulatedBase(EXACT, None, (0.0, 0.0, 0.0), seed=1)
+    assert base.command_wheels(-0.1, 0.3) == pytest.approx((-0.2097 / 3, 0.2097))
+    drive(base, 30)
+    assert (base.left, base.right) == pytest.approx((-0.2097 / 3, 0.2097))
+
+
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_a_command_must_be_finite(bad):
     base = SimulatedBase(EXACT, None, (0.0, 0.0, 0.0), seed=1)

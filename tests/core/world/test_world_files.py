@@ -42,6 +42,7 @@ paths: {tour: [[0, 0], [1, 0]]}
         ("boxes:\n  - [0, 0, 1, one]", "w.yaml:2:15", "'one' is not a number"),
         ("boxes:\n  - [0, 0, .nan, 1]", "w.yaml:2:12", "not a number"),
         ("boxes:\n  - [0, 0, 0, 1]", "w.yaml:2:5", "no area"),
+        ("boxes:\n  - [0, 0, 1e300, 1]", "w.yaml:2:12", "at most 1000000 m"),
         ("segments:\n  - [1, 2, 1, 2]", "w.yaml:2:5", "no length"),
         ("circles: [[0, 0, -1]]", "w.yaml:1:11", "radius is -1.0 m"),
         ("arcs: [[0, 0, 1, 0, 7]]", "w.yaml:1:8", "sweep"),
@@ -75,6 +76,26 @@ def test_no_text_ends_in_another_error(text):
             parse_world(candidate)
         except InputError:
             continue
+
+
+number = st.one_of(st.integers(-9, 9), st.floats(-1e6, 1e6, allow_subnormal=True), st.just(1e-12))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.lists(number, min_size=4, max_size=4), max_size=4),
+    st.lists(st.lists(number, min_size=5, max_size=5), max_size=3),
+    st.lists(number, min_size=3, max_size=3),
+)
+def test_any_world_that_is_accepted_can_be_cast_in(segments, arcs, ray):
+    try:
+        world = parse_world(f"segments: {segments}\narcs: {arcs}")
+    except InputError:
+        return
+    caster = RayCaster(world)
+    direction = np.array([[np.cos(ray[2]), np.sin(ray[2])]])
+    assert caster.cast(np.array([ray[:2]], dtype=float), direction)[0] >= 0.0
+    assert caster.clearance(ray[0], ray[1]) >= 0.0
 
 
 def test_no_such_world(tmp_path):

@@ -197,6 +197,14 @@ def test_config_mistakes(bad):
         Config(**bad)
 
 
+def test_it_ends_when_the_robot_has_stood_long_enough():
+    def wait_drive_stop(t):
+        return (0.1 if 1.0 <= t < 2.0 else 0.0, 0.0)
+
+    _, _, events = simulate(wait_drive_stop, world="room", duration=9.0, stop_when_idle=1.5)
+    assert events[-1][0] * 1e-9 == pytest.approx(2.0 + 0.1 / 1.5 + 1.5, abs=0.05)
+
+
 def test_progress_and_statistics():
     sim, _, _ = simulate(lambda t: (0.2, 0.0), world="room", duration=2.0, lidar={"accuracy": 0.0})
     assert sim.progress() == 1.0

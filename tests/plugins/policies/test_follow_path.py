@@ -121,8 +121,12 @@ def test_a_lost_robot_stands():
     policy = FollowPath(context)
     policy.on_pose(Pose(stamp=0, role="prior", pose=np.zeros(3)))
     policy.on_pose(Pose(stamp=0, role="prior", pose=np.zeros(3), lost=True))
-    assert context.sent[0].vx > 0.0
-    assert (context.sent[1].vx, context.sent[1].wz) == (0.0, 0.0)
+    for lost in (True, True, False):
+        policy.on_estimate(Pose(stamp=0, role="estimate", pose=np.zeros(3), lost=lost))
+        policy.on_pose(Pose(stamp=0, role="prior", pose=np.zeros(3)))
+    assert [m.vx > 0.0 for m in context.sent] == [True, False, False, False, True]
+    assert context.sent[1].wz == 0.0
+    assert context.reports == ["the pose is lost: waiting", "the pose is found: going on"]
 
 
 def test_a_command_s_age_counts_from_now():
