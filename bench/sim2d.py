@@ -50,9 +50,7 @@ def microseconds(world, cell):
 
 
 if __name__ == "__main__":
-    print(
-        f"{'world':15} {'obstacles':>9} {'x real time':>11} {'turn, index [us]':>17} {'turn, all [us]':>15}"
-    )
+    print(f"{'world':15} {'obstacles':>9} {'x real time':>11} {'turn, index [us]':>17} {'turn, all [us]':>15}")
     for name in shipped_worlds():
         obstacles = load_world(name)
         count = len(obstacles.segments) + len(obstacles.arcs)

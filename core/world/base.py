@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knotwork.core.geometry import Pose2
 from knotwork.core.world.kinematics import arc, body_twist, limited, ramped, wheel_speeds
 from knotwork.core.world.motion import Leg
 from knotwork.core.world.parameters import BaseParameters, gyro_sigma
 from knotwork.core.world.raycast import RayCaster
-from knotwork.core.world.scene import Pose2
 from knotwork.core.world.seeding import generator
 
 _NS = 1e-9
@@ -54,9 +54,7 @@ class SimulatedBase:
         The last step was stopped by an obstacle.
     """
 
-    def __init__(
-        self, parameters: BaseParameters, obstacles: RayCaster | None, pose: Pose2, seed: int
-    ) -> None:
+    def __init__(self, parameters: BaseParameters, obstacles: RayCaster | None, pose: Pose2, seed: int) -> None:
         self.parameters = parameters
         self.pose = pose
         self.left = self.right = 0.0

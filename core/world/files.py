@@ -161,9 +161,7 @@ class _Reader:
             if math.dist(before, here) < _SMALLEST:
                 raise self.error(item, f"a point of {what} repeats the one before")
         if closed and math.dist(points[0], points[-1]) < _SMALLEST:
-            raise self.error(
-                node.value[-1], f"{what} is closed by itself: leave the repeated first point out"
-            )
+            raise self.error(node.value[-1], f"{what} is closed by itself: leave the repeated first point out")
         return np.array(points)
 
     def items(self, nodes: dict[str, yaml.Node], key: str) -> list[yaml.Node]:

@@ -28,9 +28,7 @@ class Config(PluginConfig):
     )
     rate: float = quantity(50.0, "Hz", "steps a second: of commands, odometry, wheels and imu", gt=0, le=1000)
     noise: bool = Field(True, description="false: no slip, no sensor errors, no encoder ticks")
-    odometry: Literal["gyro", "wheels"] = Field(
-        "gyro", description="where the heading of odometry comes from"
-    )
+    odometry: Literal["gyro", "wheels"] = Field("gyro", description="where the heading of odometry comes from")
     covariance: bool = Field(True, description="odometry says how uncertain it is")
     truth_frame: Literal["map", "world"] = Field(
         "map", description="frame of `truth`; map: the first true pose is its origin"
@@ -53,9 +51,7 @@ MANIFEST = Manifest(
         "imu": Port("imu", summary="mean yaw rate and acceleration of each step"),
         "wheels": Port("wheels", summary="encoders"),
         "truth": Port("pose", role="truth", summary="true pose at each scan's stamp"),
-        "applied": Port(
-            "twist", summary="what the motors did in each step: limits, ramp and time-out applied"
-        ),
+        "applied": Port("twist", summary="what the motors did in each step: limits, ramp and time-out applied"),
     },
     closed_loop=True,
     example="sim: {plugin: sim2d, world: apartment, duration: 300, lidar: {accuracy: 0}}",

@@ -7,10 +7,11 @@ import numpy as np
 
 from knotwork.core.contracts import Context, Driver
 from knotwork.core.errors import InputError
+from knotwork.core.geometry import relative
 from knotwork.core.messages import Imu, Message, Pose, Twist, Wheels
 from knotwork.core.world.base import Reading, SimulatedBase
 from knotwork.core.world.files import load_world
-from knotwork.core.world.kinematics import body_twist, relative
+from knotwork.core.world.kinematics import body_twist
 from knotwork.core.world.lidar import SimulatedLidar
 from knotwork.core.world.motion import Leg, Motion
 from knotwork.core.world.odometry import DeadReckoning

@@ -44,9 +44,7 @@ MANIFEST = Manifest(
     config=Config,
     inputs={
         "pose": Port("pose", role="prior", summary="a command goes out for each"),
-        "estimate": Port(
-            "pose", role="estimate", optional=True, summary="while it says lost, the robot stands"
-        ),
+        "estimate": Port("pose", role="estimate", optional=True, summary="while it says lost, the robot stands"),
     },
     outputs={"twist": Port("twist", summary="the command")},
     example="drive: {plugin: follow-path, world: apartment, path: tour}",

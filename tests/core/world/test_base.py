@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from knotwork.core.geometry import relative
 from knotwork.core.world.base import SimulatedBase
-from knotwork.core.world.kinematics import arc, relative
+from knotwork.core.world.kinematics import arc
 from knotwork.core.world.odometry import DeadReckoning
 from knotwork.core.world.parameters import BaseParameters
 from knotwork.core.world.raycast import RayCaster
@@ -22,9 +23,7 @@ def drive(base, steps, reckoning=None):
         legs.append(leg)
         readings.append(reading)
         if reckoning is not None:
-            odometry.append(
-                reckoning.update((k + 1) * STEP, reading.left, reading.right, reading.yaw_rate, 0.02)
-            )
+            odometry.append(reckoning.update((k + 1) * STEP, reading.left, reading.right, reading.yaw_rate, 0.02))
     return legs, readings, odometry
 
 

@@ -1,4 +1,4 @@
-"""Arcs against a numerical integration of the unicycle; frames, limits and ramps."""
+"""Arcs against a numerical integration of the unicycle; limits and ramps."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from knotwork.core.geometry import wrap
 from knotwork.core.world import kinematics as k
 from knotwork.core.world.motion import Leg, Motion
 
@@ -16,7 +17,7 @@ pose = st.tuples(finite, finite, st.floats(-3.1, 3.1))
 def same_pose(a, b, tolerance):
     assert a[0] == pytest.approx(b[0], abs=tolerance)
     assert a[1] == pytest.approx(b[1], abs=tolerance)
-    assert k.wrap(a[2] - b[2]) == pytest.approx(0.0, abs=tolerance)
+    assert wrap(a[2] - b[2]) == pytest.approx(0.0, abs=tolerance)
 
 
 def integrated(start, length, turn):
@@ -39,19 +40,6 @@ def test_two_half_arcs_are_the_arc(start, length, turn):
     """Also across the border between the series and the closed form."""
     half = k.arc(start, length / 2, turn / 2)
     same_pose(k.arc(half, length / 2, turn / 2), k.arc(start, length, turn), 1e-13)
-
-
-@given(pose, pose)
-def test_relative_undoes_compose(a, b):
-    same_pose(k.compose(a, k.relative(a, b)), b, 1e-12)
-    same_pose(k.relative(a, k.compose(a, b)), b, 1e-12)
-
-
-@given(st.floats(-1e4, 1e4))
-def test_wrap(angle):
-    wrapped = k.wrap(angle)
-    assert -np.pi < wrapped <= np.pi
-    assert np.cos(wrapped - angle) == pytest.approx(1.0)
 
 
 @given(st.floats(-2, 2), st.floats(-10, 10))

@@ -100,9 +100,7 @@ def test_half_circle_is_open_on_the_other_side(sign):
 
 def test_no_ray_escapes_through_a_corner_or_a_joint():
     """Rays aimed exactly at vertices, also where three straight pieces continue one line."""
-    walls = np.array(
-        [(-1.3, -0.7), (0.1, -0.7), (0.9, -0.7), (2.1, -0.7), (2.1, 1.9), (0.3, 2.2), (-1.3, 1.1)]
-    )
+    walls = np.array([(-1.3, -0.7), (0.1, -0.7), (0.9, -0.7), (2.1, -0.7), (2.1, 1.9), (0.3, 2.2), (-1.3, 1.1)])
     caster = RayCaster(World("polygon", polyline(walls, closed=True)))
     rng = np.random.default_rng(3)
     for origin in rng.uniform((-1.0, -0.5), (1.8, 1.0), (200, 2)):
@@ -124,9 +122,7 @@ def test_long_corridor(offset):
 
 def test_a_single_axis_parallel_wall_has_a_flat_index():
     caster = RayCaster(World("wall", np.array([[0.0, 1.0, 5.0, 1.0]])))
-    got = caster.cast(
-        np.array([[2.0, 0.0], [2.0, 3.0], [6.0, 0.0]]), unit(np.array([1.0, -1.0, 1.0]) * np.pi / 2)
-    )
+    got = caster.cast(np.array([[2.0, 0.0], [2.0, 3.0], [6.0, 0.0]]), unit(np.array([1.0, -1.0, 1.0]) * np.pi / 2))
     np.testing.assert_allclose(got, [1.0, 2.0, np.inf])
 
 

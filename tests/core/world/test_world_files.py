@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from knotwork.core.errors import InputError
 from knotwork.core.world.files import load_world, parse_world, shipped_worlds
 from knotwork.core.world.raycast import RayCaster
-from knotwork.core.world.scene import in_frame
 
 
 def test_every_key():
@@ -140,9 +139,3 @@ def test_the_apartment_s_tour_visits_every_room():
     for x0, y0, x1, y1 in rooms.values():
         assert np.any((tour > (x0, y0)).all(axis=1) & (tour < (x1, y1)).all(axis=1))
     assert 40 < np.hypot(*np.diff(tour, axis=0).T).sum() < 60
-
-
-def test_in_frame():
-    np.testing.assert_allclose(
-        in_frame(np.array([[1.0, 3.0]]), (1.0, 1.0, np.pi / 2)), [[2.0, 0.0]], atol=1e-12
-    )

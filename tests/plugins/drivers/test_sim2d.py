@@ -9,8 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from knotwork.core.errors import InputError
+from knotwork.core.geometry import compose, relative
 from knotwork.core.messages import Twist
-from knotwork.core.world.kinematics import compose, relative
 from knotwork.plugins.drivers.sim2d import MANIFEST, Config
 from knotwork.plugins.drivers.sim2d.driver import Sim2d
 
@@ -91,9 +91,7 @@ def test_truth_belongs_to_its_scan_and_starts_at_zero():
     assert {m.role for m in truth} == {"truth"}
     assert {m.frame for m in truth} == {"map"}
     np.testing.assert_array_equal(truth[0].pose, 0.0)
-    world = messages(
-        simulate(lambda t: (0.15, 0.3), world="apartment", duration=3.0, truth_frame="world")[2], "truth"
-    )
+    world = messages(simulate(lambda t: (0.15, 0.3), world="apartment", duration=3.0, truth_frame="world")[2], "truth")
     np.testing.assert_allclose(world[0].pose, sim.world.start)
     for mapped, placed in zip(truth, world, strict=True):
         np.testing.assert_allclose(compose(sim.world.start, mapped.pose), placed.pose, atol=1e-12)
@@ -114,9 +112,7 @@ def test_the_truth_of_a_scan_is_the_pose_at_its_stamp():
 def test_a_command_holds_over_the_next_step():
     """The command given after the measurements at k moves the robot over (k, k + 1]."""
     fast = {"acceleration": 100.0, "deceleration": 100.0}
-    _, _, events = simulate(
-        lambda t: (0.1 + 0.01 * t, 0.0), world="room", duration=1.0, noise=False, base=fast
-    )
+    _, _, events = simulate(lambda t: (0.1 + 0.01 * t, 0.0), world="room", duration=1.0, noise=False, base=fast)
     for message in messages(events, "applied"):
         assert message.vx == pytest.approx(0.1 + 0.01 * (message.stamp * 1e-9 - 0.02))
     distances = np.diff([m.pose[0] for m in messages(events, "odometry")])
@@ -189,9 +185,7 @@ def test_the_robot_must_not_start_in_a_wall():
         Sim2d(FakeContext(0, world="rom"))
 
 
-@pytest.mark.parametrize(
-    "bad", [{"duration": 0}, {"rate": -1}, {"lidar": {"beems": 3}}, {"kidnap": [{"at": 1}]}]
-)
+@pytest.mark.parametrize("bad", [{"duration": 0}, {"rate": -1}, {"lidar": {"beems": 3}}, {"kidnap": [{"at": 1}]}])
 def test_config_mistakes(bad):
     with pytest.raises(ValidationError):
         Config(**bad)

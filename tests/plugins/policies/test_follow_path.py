@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from knotwork.core.errors import InputError
+from knotwork.core.geometry import compose, relative
 from knotwork.core.messages import Pose
-from knotwork.core.world.kinematics import compose, relative
 from knotwork.plugins.drivers.sim2d import Config as SimConfig
 from knotwork.plugins.drivers.sim2d.driver import Sim2d
 from knotwork.plugins.policies.follow_path import Config
@@ -70,9 +70,7 @@ def close_the_loop(sim_config, policy_config, stop_when_done=True):
 
 @pytest.mark.parametrize(("world", "seconds"), [("apartment", 320), ("arena", 110), ("room", 80)])
 def test_the_tour_ends_at_its_end_and_touches_nothing(world, seconds):
-    sim, policy, track, outside, inside = close_the_loop(
-        {"world": world, "duration": seconds}, {"world": world}
-    )
+    sim, policy, track, outside, inside = close_the_loop({"world": world, "duration": seconds}, {"world": world})
     assert policy.pursuit.done
     assert inside.reports[0].startswith("end of the path")
     assert outside.counts == {}
@@ -119,6 +117,8 @@ def test_loop_goes_round_for_ever():
 def test_a_lost_robot_stands():
     context = FakeContext(Config(waypoints=[(0, 0), (1, 0)]))
     policy = FollowPath(context)
+    policy.on_pose(Pose(stamp=0, role="prior", pose=np.full(3, np.nan)))
+    assert context.sent.pop().vx == 0.0
     policy.on_pose(Pose(stamp=0, role="prior", pose=np.zeros(3)))
     policy.on_pose(Pose(stamp=0, role="prior", pose=np.zeros(3), lost=True))
     for lost in (True, True, False):
