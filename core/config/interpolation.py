@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from knotwork.core.config.tree import MAX_SIZE, Item, Path, Problems, broken, container, is_secret, scalar
+from knotwork.core.config.tree import MAX_SIZE, Item, Path, Problems, broken, container, scalar
 from knotwork.core.config.yaml_source import read_scalar
 
 MAX_LEVEL = 100  # vars within vars within lists
@@ -178,20 +178,13 @@ class _Interpolation:
             if isinstance(default.value, str) and not default.via:
                 default = self._typed(default.value, "", item, path)
             return replace(default, via=(*default.via, f"default of ${{{name}}}"))
-        names = [] if reference.only_environment else [*self.vars]
         kind = "environment variable" if reference.only_environment else "variable"
-        close = (
-            [one for one in self.environment if not is_secret(one)]
-            if reference.only_environment or not names
-            else []
-        )
-        hint = self.problems.nearest(name, [*names, *close]) if names else self._close(name, close)
+        declared_names = [] if reference.only_environment else [one for one in self.vars if one != name]
+        hint = self.problems.nearest(name, [*declared_names, *self.environment])
+        if not hint.startswith("did you mean"):
+            hint = f"set it, or write ${{{name}:-DEFAULT}}"
         self.problems.add(item.where, path, f"there is no {kind} {name!r}", hint)
         return broken(item)
-
-    def _close(self, name: str, names: list[str]) -> str:
-        hint = self.problems.nearest(name, names)
-        return hint if hint.startswith("did you mean") else f"set it, or write ${{{name}:-DEFAULT}}"
 
     def _var(self, name: str, item: Item, path: Path) -> Item:
         if name in self.open:

@@ -68,7 +68,7 @@ class _Override:
         return root
 
     def _is_known(self, root: Item, section: str, name: str) -> bool:
-        """Say whether a variable or node exists, or is a new node that brings its plugin; else add a problem."""
+        """Say whether a variable or node exists, or is a new node with its plugin; else add a problem."""
         item = root.child(section)
         known = item.mapping() if item else {}
         if name in known or section not in ("vars", "nodes"):
