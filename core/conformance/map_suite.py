@@ -57,12 +57,14 @@ class MapSuite(NodeSuite):
         x, y = self.room.width / 2, self.room.depth / 2
         along_x, along_y = np.linspace(0.5 - x, x - 0.5, 60), np.linspace(0.5 - y, y - 0.5, 60)
         sides = [(along_x, np.full(60, s * y)) for s in (-1, 1)] + [(np.full(60, s * x), along_y) for s in (-1, 1)]
-        return np.vstack([np.column_stack(side) for side in sides])
+        walls: F64 = np.vstack([np.column_stack(side) for side in sides]) + self.room.middle
+        return walls
 
     def inside(self) -> F64:
         """Return points (n, 2) in the middle of the room, free in truth."""
         x, y = np.meshgrid(np.linspace(-0.3, 0.3, 15) * self.room.width, np.linspace(-0.3, 0.3, 15) * self.room.depth)
-        return np.column_stack([x.ravel(), y.ravel()])
+        inside: F64 = np.column_stack([x.ravel(), y.ravel()]) + self.room.middle
+        return inside
 
     # ---- what it says of space
 

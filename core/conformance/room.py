@@ -11,17 +11,18 @@ from knotwork.core.messages import F64, Scan
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """Walls at x = -width/2, width/2 and y = -depth/2, depth/2 [m]; the origin is its middle."""
+    """Four walls, `width` along x and `depth` along y [m]; `middle` is off the origin, so that no flip goes unseen."""
 
     width: float = 7.0
     depth: float = 5.0
+    middle: tuple[float, float] = (0.6, -0.4)
 
     def ranges(self, pose: F64, angles: F64) -> F64:
         """Return the distance [m] to the wall along each map angle `angles` (n,) [rad] from a pose inside."""
         c, s = np.cos(angles), np.sin(angles)
         with np.errstate(divide="ignore", invalid="ignore"):
-            tx = (np.sign(c) * self.width / 2 - pose[0]) / c
-            ty = (np.sign(s) * self.depth / 2 - pose[1]) / s
+            tx = (np.sign(c) * self.width / 2 + self.middle[0] - pose[0]) / c
+            ty = (np.sign(s) * self.depth / 2 + self.middle[1] - pose[1]) / s
         tx[c == 0] = np.inf
         ty[s == 0] = np.inf
         nearest: F64 = np.minimum(tx, ty)
@@ -55,7 +56,7 @@ class Room:
         Positive outside; the gradient is a wall's normal. Near a corner the nearer wall counts, inside
         and outside alike, so that the distance stays linear along each wall.
         """
-        x, y = points[:, 0], points[:, 1]
+        x, y = (points - self.middle).T
         dx = np.abs(x) - self.width / 2
         dy = np.abs(y) - self.depth / 2
         by_x = np.abs(dx) < np.abs(dy)
@@ -68,7 +69,7 @@ class Room:
     def poses(self, n: int) -> F64:
         """Return `n` robot poses (n, 3) on a small ellipse in the middle, turning once."""
         t = 2 * math.pi * np.arange(n) / n
-        return np.column_stack([0.8 * np.cos(t), 0.5 * np.sin(t), t])
+        return np.column_stack([self.middle[0] + 0.8 * np.cos(t), self.middle[1] + 0.5 * np.sin(t), t])
 
 
 def scan_of(ranges: object, *, stamp: int = 0, scan_id: int = 0) -> Scan:

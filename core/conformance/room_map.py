@@ -52,14 +52,18 @@ class RoomMap(Map):
         return np.where(np.abs(distance) < 0.05, 1.0, np.where(self._inside(points), -1.0, 0.0))
 
     def _inside(self, points: F64) -> NDArray[np.bool_]:
-        return (np.abs(points[:, 0]) < self.room.width / 2) & (np.abs(points[:, 1]) < self.room.depth / 2)
+        inside: NDArray[np.bool_] = np.all(np.abs(points - self.room.middle) < self._half(), axis=1)
+        return inside
+
+    def _half(self) -> F64:
+        return np.array([self.room.width, self.room.depth]) / 2
 
     def rasterize(self, resolution: float | None = None) -> tuple[NDArray[np.int8], float, tuple[float, float, float]]:
         """Return the room and half a metre around it."""
         side = resolution or 0.05
-        x0, y0 = -self.room.width / 2 - 0.5, -self.room.depth / 2 - 0.5
-        xs = x0 + side * (np.arange(round(-2 * x0 / side)) + 0.5)
-        ys = y0 + side * (np.arange(round(-2 * y0 / side)) + 0.5)
+        x0, y0 = (self.room.middle - self._half() - 0.5).tolist()
+        xs = np.arange(x0 + side / 2, x0 + self.room.width + 1, side)
+        ys = np.arange(y0 + side / 2, y0 + self.room.depth + 1, side)
         grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
         occupancy = self.occupancy(grid).reshape(len(ys), len(xs))
         cells = np.where(occupancy == 0, -1, 50 + 50 * occupancy).astype(np.int8)
