@@ -129,17 +129,17 @@ class RoomAlignment(Alignment):
 
 
 def robust(r: F64, loss: Loss, scale: float) -> tuple[F64, F64]:
-    """Return the loss rho(r) and its weight rho'(r) / r for residuals (n,); r^2 / 2 without a loss."""
-    u = (r / scale) ** 2
+    """Return the loss rho (r^2 near zero) of residuals (n,) and its weight d rho / d(r^2)."""
     k = scale**2
+    u = r**2 / k
     if loss == "huber":
+        far = u > 1
         a = np.sqrt(u)
-        far = a > 1
-        return np.where(far, k * (a - 0.5), k * u / 2), np.where(far, 1 / np.maximum(a, 1), 1.0)
+        return np.where(far, k * (2 * a - 1), k * u), np.where(far, 1 / np.maximum(a, 1), 1.0)
     if loss == "cauchy":
-        return k / 2 * np.log1p(u), 1 / (1 + u)
+        return k * np.log1p(u), 1 / (1 + u)
     if loss == "geman-mcclure":
-        return k / 2 * u / (1 + u), 1 / (1 + u) ** 2
+        return k * u / (1 + u), 1 / (1 + u) ** 2
     if loss == "welsch":
-        return k / 2 * -np.expm1(-u), np.exp(-u)
-    return k * u / 2, np.ones_like(r)
+        return k * -np.expm1(-u), np.exp(-u)
+    return k * u, np.ones_like(r)
