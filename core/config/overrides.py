@@ -3,7 +3,17 @@
 from dataclasses import replace
 
 from knotwork.core.config.sources import Sources
-from knotwork.core.config.tree import MAX_DEPTH, Item, Path, Problems, container, dotted, is_secret, short
+from knotwork.core.config.tree import (
+    MAX_DEPTH,
+    Item,
+    Path,
+    Problems,
+    container,
+    dotted,
+    is_secret,
+    one_line,
+    short,
+)
 from knotwork.core.config.yaml_source import compose
 from knotwork.core.errors import ConfigError
 
@@ -46,7 +56,7 @@ def label(argument: str) -> str:
     """Return the argument as it is shown: cut to a readable length, secrets masked."""
     key, equals, text = argument.partition("=")
     shown = "***" if is_secret(key) else text
-    line = f"--set {key}{equals}{shown}".encode(errors="replace").decode().replace("\n", " ")
+    line = one_line(f"--set {key}{equals}{shown}")
     return line if len(line) <= 100 else line[:97] + "..."
 
 

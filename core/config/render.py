@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from knotwork.core.config.model import Origin, Pipeline
-from knotwork.core.config.tree import Path, dotted, is_secret
+from knotwork.core.config.tree import Path, dotted, is_secret, one_line
 from knotwork.core.config.yaml_source import read_scalar
 
 MASK = "***"
@@ -44,7 +44,7 @@ def show(pipeline: Pipeline, origin: bool = False) -> str:
     masked = mask(pipeline.resolved, pipeline.origins)
     if not origin:
         return dump(masked)
-    return dump(masked, {key: str(origin) for key, origin in pipeline.origins.items()})
+    return dump(masked, {key: one_line(str(origin)) for key, origin in pipeline.origins.items()})
 
 
 def mask(data: Any, origins: Mapping[str, Origin] | None = None, path: Path = ()) -> Any:

@@ -245,13 +245,13 @@ def test_all_problems_come_at_once(shelf, valid, write):
     text = text.replace("${far}", "far").replace("log.scan", "lgo.scan").replace("plugin: ekf", "plugin: efk")
     with pytest.raises(ConfigError) as caught:
         load(write(text), shelf, environment={})
-    assert {problem.path for problem in caught.value.problems} == {
+    assert [problem.path for problem in caught.value.problems] == [  # in the order of the lines
         "clock",
-        "nodes.map.options.spline-surface.degree",
-        "nodes.map.range_max",
-        "nodes.localizer.inputs.scan",
         "nodes.prior.plugin",
-    }
+        "nodes.map.range_max",
+        "nodes.map.options.spline-surface.degree",
+        "nodes.localizer.inputs.scan",
+    ]
 
 
 def test_one_mistake_is_one_problem(shelf, valid, write):

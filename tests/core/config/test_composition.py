@@ -263,7 +263,7 @@ def test_override_refers_to_variables_and_environment(shelf, valid, write):
 )
 def test_wrong_override_points_at_the_argument(argument, expected, shelf, valid, write):
     text = failing(write(valid), shelf, [argument])
-    assert text.startswith("--set " + argument.encode(errors="replace").decode()[:60])
+    assert text.startswith("--set " + argument.replace("\udcff", r"\udcff")[:60])
     assert "\n" not in text
     for fragment in expected:
         assert fragment in text

@@ -92,6 +92,8 @@ def test_pieces_of_syntax(survives, data):
 
 
 @given(STRUCTURES)
+@example({"\n": None})
+@example({"\x1b[31m": 1})
 def test_any_structure(survives, data):
     survives(_write({"pipeline": "p", "nodes": data}))
 

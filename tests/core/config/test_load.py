@@ -101,6 +101,11 @@ def test_show_with_origins(shelf, valid, write):
     assert yaml.safe_load(shown) == yaml.safe_load(show(pipeline)) == pipeline.resolved
 
 
+def test_show_survives_odd_arguments(shelf, valid, write):
+    pipeline = load(write(valid), shelf, ["nodes.log.path='a\n\n  # b: c\x1b'".replace("\x1b", "")], {})
+    assert yaml.safe_load(show(pipeline, origin=True)) == pipeline.resolved
+
+
 def test_secrets_are_masked(shelf, write):
     text = (
         "pipeline: a\nvars: {my_password: hunter2}\n"
