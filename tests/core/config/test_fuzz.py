@@ -174,11 +174,11 @@ def _write(data):
         '"\\' * 400_000,
         "x: |\n" + "  a\n" * 200_000,
         "\n".join(f"k{n}: {n}" for n in range(80_000)),
-        "\n".join(f"a{n}: &a{n} x" for n in range(50_000)),
+        "\n".join(f"a{n}: &a{n} x" for n in range(20_000)),
         "pipeline: p\nvars: {a: '" + "${" * 400_000 + "'}",
         "pipeline: p\nvars: {a: '" + "$${" * 300_000 + "'}",
         "pipeline: p\nnodes: {" + ", ".join(f"n{n}: {{plugin: rig, x: 1}}" for n in range(5_000)) + "}",
-        "pipeline: p\nnodes: {r: {plugin: rig, beams: [" + ", ".join(["{x: a}"] * 60_000) + "]}}",
+        "pipeline: p\nnodes: {r: {plugin: rig, beams: [" + ", ".join(["{x: a}"] * 20_000) + "]}}",
         "pipeline: p\nnodes: {r: {plugin: rig, mounts: {"
         + ", ".join(f"{'k' * 9}{n}: 1" for n in range(30_000))
         + "}}}",
