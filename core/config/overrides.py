@@ -33,9 +33,7 @@ def override(root: Item, argument: str, problems: Problems) -> Item:
     path: Path = tuple(key.strip().split("."))
     where = label(argument)
     if not equals or not key.strip() or "" in path or len(path) >= MAX_DEPTH:
-        problems.add(
-            where, "", "expected KEY=VALUE with a dotted key", "for example --set nodes.map.plugin=grid"
-        )
+        problems.add(where, "", "expected KEY=VALUE with a dotted key", "for example --set nodes.map.plugin=grid")
         return root
     if not text.strip():
         problems.add(where, path, "the value is empty", "~ is null, '' is an empty text")
@@ -89,9 +87,7 @@ class _Override:
             return False
         if self.value.child("plugin") if len(self.path) == 2 else self.path[2:] == ("plugin",):
             return True
-        self._wrong(
-            f"unknown node {name!r}", hint or f"a new node begins with --set nodes.{name}.plugin=NAME"
-        )
+        self._wrong(f"unknown node {name!r}", hint or f"a new node begins with --set nodes.{name}.plugin=NAME")
         return False
 
     def _put(self, item: Item, index: int) -> Item | None:
@@ -113,9 +109,7 @@ class _Override:
             elements = [*item.value[:position], changed, *item.value[position + 1 :]]
             return container(elements, item.where, key=item.key, via=item.via)
         if item.value is not None and not isinstance(item.value, dict):
-            self._wrong(
-                f"{below} is {short(item.value)}, which has no {short(part)}", f"set {below} as a whole"
-            )
+            self._wrong(f"{below} is {short(item.value)}, which has no {short(part)}", f"set {below} as a whole")
             return None
         return self._put_entry(item, str(part), index)
 

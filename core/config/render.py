@@ -27,9 +27,7 @@ def dump(data: Mapping[str, Any], comments: Mapping[str, str] | None = None) -> 
     """
     lines = _Writer(comments or {}).mapping(data, (), 0)
     width = min(max((len(text) for text, comment in lines if comment), default=0), 60)
-    return "".join(
-        f"{text.ljust(width)}  # {comment}\n" if comment else f"{text}\n" for text, comment in lines
-    )
+    return "".join(f"{text.ljust(width)}  # {comment}\n" if comment else f"{text}\n" for text, comment in lines)
 
 
 def show(pipeline: Pipeline, origin: bool = False) -> str:
@@ -93,9 +91,7 @@ class _Writer:
         if len(value) > 16 or sum(len(written(element)) + 2 for element in value) > 70:
             return False
         own = _source(self.comments.get(dotted(path), ""))
-        return all(
-            _source(self.comments.get(dotted((*path, index)), own)) == own for index in range(len(value))
-        )
+        return all(_source(self.comments.get(dotted((*path, index)), own)) == own for index in range(len(value)))
 
 
 def _source(comment: str) -> str:

@@ -105,9 +105,7 @@ def broken(item: Item) -> Item:
     return Item(None, item.where, item.key, item.via, broken=True)
 
 
-def container(
-    value: list[Item] | dict[str, Item], where: str, *, key: str = "", via: tuple[str, ...] = ()
-) -> Item:
+def container(value: list[Item] | dict[str, Item], where: str, *, key: str = "", via: tuple[str, ...] = ()) -> Item:
     """Make a list or a mapping; its size and depth follow from its entries."""
     size, depth = 1, 0
     for child in value.values() if isinstance(value, dict) else value:
@@ -149,11 +147,7 @@ def short(value: Any) -> str:
 
 def one_line(text: str) -> str:
     """Return a text that cannot break the line or the terminal it is shown on."""
-    return (
-        text
-        if text.isprintable()
-        else "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
-    )
+    return text if text.isprintable() else "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 class Problems:
@@ -187,9 +181,7 @@ class Problems:
     def error(self) -> ConfigError:
         """Return everything found as one error: file by file as they came up, in the order of the lines."""
         places = [_PLACE.match(problem.where) for problem in self.found]
-        files = [
-            place[1] if place else problem.where for place, problem in zip(places, self.found, strict=True)
-        ]
+        files = [place[1] if place else problem.where for place, problem in zip(places, self.found, strict=True)]
         lines = [(int(place[2]), int(place[3])) if place else (0, 0) for place in places]
         order = sorted(range(len(self.found)), key=lambda index: (files.index(files[index]), lines[index]))
         more = [Problem("", "", f"and {self.more} more problems")] if self.more else []

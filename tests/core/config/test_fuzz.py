@@ -144,9 +144,7 @@ def test_any_override(survives, valid, key, equals, value):
 
 @given(st.lists(st.text("ab:-}{$env ", max_size=20), min_size=1, max_size=3))
 def test_any_reference(survives, texts):
-    survives(
-        _write({"pipeline": "p", "vars": {"a": "${" + texts[0], "b": texts[-1]}, "nodes": {"r": _rig(texts)}})
-    )
+    survives(_write({"pipeline": "p", "vars": {"a": "${" + texts[0], "b": texts[-1]}, "nodes": {"r": _rig(texts)}}))
 
 
 def _rig(texts):

@@ -89,11 +89,7 @@ def test_odd_models_do_not_break_it(write):
 
     assert "### odd" in reference(One())
     assert json_schema(One())["$defs"]["node.odd"]["properties"]["free"] is not None
-    config = (
-        load(write("pipeline: a\nnodes: {o: {plugin: odd, re-named: 5, pair: [3, 4]}}\n"), One())
-        .nodes["o"]
-        .config
-    )
+    config = load(write("pipeline: a\nnodes: {o: {plugin: odd, re-named: 5, pair: [3, 4]}}\n"), One()).nodes["o"].config
     assert (config.renamed, config.pair) == (5, (3, 4))
 
 
@@ -135,9 +131,7 @@ def test_unions_with_a_tag(write):
     assert load(text("[{shape: arc, radius: 1}]"), One()).nodes["w"].config.walls[0].radius == 1.0
     arc = problem("[{shape: arc, radius: 0}]")
     assert arc == "p.yaml:2:57: nodes.w.walls.0.radius: expected a number > 0 [m], got 0"
-    assert "radiu: unknown key of plugin 'world' (did you mean 'radius'?)" in problem(
-        "[{shape: arc, radiu: 1}]"
-    )
+    assert "radiu: unknown key of plugin 'world' (did you mean 'radius'?)" in problem("[{shape: arc, radiu: 1}]")
     assert "walls.0.length: missing, expected from end to end [m]" in problem("[{shape: segment}]")
     assert "'segment', 'arc'" in problem("[{shape: line}]")
     assert "| `walls[].radius` | number > 0 | m | required | of the circle |" in reference(One())
@@ -145,9 +139,7 @@ def test_unions_with_a_tag(write):
     assert check.is_valid(
         {"pipeline": "a", "nodes": {"w": {"plugin": "world", "walls": [{"shape": "arc", "radius": 1}]}}}
     )
-    assert not check.is_valid(
-        {"pipeline": "a", "nodes": {"w": {"plugin": "world", "walls": [{"shape": "arc"}]}}}
-    )
+    assert not check.is_valid({"pipeline": "a", "nodes": {"w": {"plugin": "world", "walls": [{"shape": "arc"}]}}})
 
 
 def test_all_kinds_have_a_place(write):

@@ -84,10 +84,7 @@ def test_bad_files_are_bad_for_both(name, validator, valid, shelf, write):
 
 def test_a_file_that_includes_may_be_partial(validator):
     assert (
-        findings(
-            validator, "include: a.yaml\nnodes: {map: {resolution: [1]}, log: {plugin: carmen}, prior: ~}"
-        )
-        == []
+        findings(validator, "include: a.yaml\nnodes: {map: {resolution: [1]}, log: {plugin: carmen}, prior: ~}") == []
     )
     assert findings(validator, "nodes: {map: {plugin: grid}}")
     assert findings(validator, "pipeline: a\nnodes: {map: ~}")
