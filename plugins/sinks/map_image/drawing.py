@@ -51,7 +51,7 @@ def draw(grid: Grid, path: F64, *, size: int, margin: float) -> bytes:
 
     pixels = (at[:, :2] / grid.resolution - low) * scale
     pixels[:, 1] = height - pixels[:, 1]
-    line = max(2.0, size / 500)
+    line = max(3.0, size / 500)
     if len(pixels):
         shapes: tuple[tuple[tuple[int, int, int], Callable[[ImageDraw.ImageDraw], None]], ...] = (
             (_PATH, lambda pen: _line(pen, pixels, line)),

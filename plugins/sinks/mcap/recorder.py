@@ -88,6 +88,9 @@ class McapRecorder(Sink):
             self._writer.add_metadata(RUN, {key: _text(value) for key, value in self.context.run.items()})
             self._writer.flush()
         except OSError as error:
+            self._writer = None
+            if self._file is not None:
+                self._file.close()
             raise KnotworkError(
                 f"cannot write the log: {error.strerror}",
                 where=str(self.path),
@@ -133,7 +136,7 @@ class McapRecorder(Sink):
         except OSError as error:
             self.context.report(
                 "error",
-                f"{self.path}: no index: {error.strerror}; {writer.dropped} messages were dropped "
+                f"{self.path}: no index: {error.strerror}; {writer.dropped} records were dropped "
                 f"(knotwork log recover {self.path})",
             )
         finally:
@@ -141,12 +144,12 @@ class McapRecorder(Sink):
             self._file.close()
 
     def statistics(self) -> dict[str, float]:
-        """Messages written and dropped (views included), bytes of the file."""
+        """Return records (messages and views) written and dropped, and bytes of the file."""
         return self._totals if self._writer is None else self._figures(self._writer)
 
     @staticmethod
     def _figures(writer: McapWriter) -> dict[str, float]:
-        return {"messages": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
+        return {"records": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
 
     def _register(self, stream: str, message: Message) -> _Stream | None:
         """Make the channel of a new stream; None when it is not recorded."""
@@ -171,24 +174,26 @@ class McapRecorder(Sink):
         return _Stream(channel, {**metadata, "view_of": PREFIX + topic}, shown)
 
     def _write(self, stream: str, found: _Stream, message: Message) -> None:
-        writer = self._writer
-        assert writer is not None
         log_time, stamp, seq = max(message.time, 0), max(message.stamp, 0), max(message.seq, 0)
+        self._add(found.channel, log_time, stamp, seq, codec.encode(message))
+        for shown in found.views:
+            places = shown.view.places
+            frame = places(message) if places else ""
+            if frame and self._placed.get(frame, stream) != stream:
+                continue
+            data = shown.view.render(message)
+            if data is None:
+                continue
+            if frame:
+                self._placed[frame] = stream
+            if not shown.channel:
+                shown.channel = self._view_channel(shown, found)
+            self._add(shown.channel, log_time, stamp, seq, data)
+
+    def _add(self, channel: int, log_time: int, stamp: int, seq: int, data: bytes) -> None:
+        assert self._writer is not None
         try:
-            writer.add(found.channel, log_time, stamp, seq, codec.encode(message))
-            for shown in found.views:
-                places = shown.view.places
-                frame = places(message) if places else ""
-                if frame and self._placed.get(frame, stream) != stream:
-                    continue
-                data = shown.view.render(message)
-                if data is None:
-                    continue
-                if frame:
-                    self._placed[frame] = stream
-                if not shown.channel:
-                    shown.channel = self._view_channel(shown, found)
-                writer.add(shown.channel, log_time, stamp, seq, data)
+            self._writer.add(channel, log_time, stamp, seq, data)
         except OSError as error:
             self._failure = error
 
@@ -245,10 +250,10 @@ class McapRecorder(Sink):
                 f"{self.path}: {failure.strerror}: what is written is kept ({writer.size} bytes), "
                 "messages are dropped until it can grow again",
             )
-        elif writer.size > self._failed_size:
+        elif writer.size > self._failed_size + 2 * self._config.chunk_size:  # not just what still found room
             self._failed_size, self._failure = -1, None
             self.context.report(
-                "warning", f"{self.path}: recording again; {writer.dropped} messages were dropped"
+                "warning", f"{self.path}: recording again; {writer.dropped} records were dropped"
             )
 
 
