@@ -15,7 +15,7 @@ class McapConfig(PluginConfig):
     level: int | None = quantity(
         None,
         "1",
-        "compression level, higher is smaller and slower; the compressor's default if absent",
+        "compression level, higher is smaller and slower; the fastest if absent",
         ge=0,
         le=22,
     )
