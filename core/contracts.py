@@ -98,6 +98,10 @@ class Driver(Node, ABC):
     def stop(self) -> None:
         """Stop the thread of a pushing driver."""
 
+    def progress(self) -> float | None:
+        """Return the share of the source that has been given, in [0, 1]; None when unknown."""
+        return None
+
 
 @dataclass(frozen=True, slots=True)
 class NormalEquations:

@@ -1,7 +1,7 @@
 """The one decorator for hot loops: compiled by Numba, cached on disk, run without the interpreter lock."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from numba import njit
 
@@ -17,4 +17,4 @@ def kernel(function: F) -> F:
     The same machine and versions give the same bits. After editing a kernel that a kernel in
     another file calls, delete the `__pycache__/*.nbi` files: Numba sees only a file's own changes.
     """
-    return njit(cache=True, nogil=True, fastmath=_FASTMATH)(function)  # type: ignore[no-any-return]
+    return cast(F, njit(cache=True, nogil=True, fastmath=_FASTMATH)(function))

@@ -1,0 +1,172 @@
+"""Finds plugins: a built-in table and the entry-point group `knotwork.plugins`, both as manifests.
+
+Discovery never fails: a broken or half-installed plugin becomes a record with its cause, and is fatal
+only to a pipeline that names it.
+"""
+
+import difflib
+import importlib
+import importlib.util
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
+from typing import Any
+
+import pluggy
+from pydantic import BaseModel
+
+from knotwork.core.errors import InputError
+from knotwork.core.hooks import PROJECT, Hooks
+from knotwork.core.manifest import CONTRACT_VERSION, KINDS, Manifest
+
+GROUP = "knotwork.plugins"
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One discovered plugin, usable or not."""
+
+    name: str
+    kind: str
+    distribution: str  # "knotwork 0.1.0" or the third party's
+    manifest: Manifest | None
+    cause: str = ""  # why it cannot be used; empty when it can
+
+    @property
+    def state(self) -> str:
+        """`ok`, `missing` (an extra is not installed) or `broken`."""
+        if not self.cause:
+            return "ok"
+        return "missing" if self.manifest is not None else "broken"
+
+
+class Registry:
+    """All plugins installed here, by name."""
+
+    def __init__(self, builtins: Iterable[str] | None = None, third_parties: bool = True) -> None:
+        self.hooks = pluggy.PluginManager(PROJECT)
+        self.hooks.add_hookspecs(Hooks)
+        self._records: dict[str, Record] = {}
+        if builtins is None:
+            builtins = importlib.import_module("knotwork.plugins").BUILTINS
+        version = importlib.import_module("knotwork").__version__
+        for module in builtins:
+            self._discover(module.rpartition(".")[2].replace("_", "-"), module, f"knotwork {version}")
+        for point in sorted(entry_points(group=GROUP), key=lambda p: p.name) if third_parties else ():
+            self._discover(point.name, point, _distribution(point))
+
+    def records(self, kind: str | None = None) -> list[Record]:
+        """Return all records of a kind (all kinds without one), in the order of kinds, then names."""
+        order = {k: i for i, k in enumerate((*KINDS, "?"))}
+        chosen = [r for r in self._records.values() if kind is None or r.kind == kind]
+        return sorted(chosen, key=lambda r: (order[r.kind], r.name))
+
+    def names(self, kind: str | None = None) -> list[str]:
+        """Return the names of usable plugins."""
+        return [r.name for r in self.records(kind) if not r.cause]
+
+    def record(self, name: str) -> Record | None:
+        """Return what is known of a plugin."""
+        return self._records.get(name)
+
+    def find(self, name: str) -> Manifest | None:
+        """Return a manifest if the plugin can be used."""
+        record = self._records.get(name)
+        return record.manifest if record is not None and not record.cause else None
+
+    def why_not(self, name: str) -> str:
+        """Return why a plugin cannot be used."""
+        record = self._records.get(name)
+        return record.cause if record is not None else ""
+
+    def load(self, manifest: Manifest) -> type[Any]:
+        """Import a plugin's implementation.
+
+        Raises
+        ------
+        InputError
+            It cannot be imported; the cause is in the message.
+        """
+        implementation: type[Any] = load_object(manifest.impl, f"plugin {manifest.name}")
+        return implementation
+
+    def nearest(self, name: str) -> str:
+        """Return a hint that names the closest plugin, or how to list them."""
+        close = difflib.get_close_matches(name, self._records, n=1)
+        return f"did you mean {close[0]!r}?" if close else "`knotwork plugins` lists them"
+
+    def _discover(self, name: str, source: str | EntryPoint, distribution: str) -> None:
+        # Whatever a stranger's module does while it is imported, the others must stay usable.
+        try:
+            found = importlib.import_module(source) if isinstance(source, str) else source.load()
+            manifests = self._manifests(found)
+        except (Exception, SystemExit) as error:  # noqa: BLE001
+            self._records[name] = Record(name, "?", distribution, None, _cause(error))
+            return
+        for manifest in manifests:
+            self._add(manifest, distribution)
+        if isinstance(found, ModuleType) and not self.hooks.is_registered(found):
+            self.hooks.register(found, name=f"{distribution}:{name}")
+
+    @staticmethod
+    def _manifests(found: object) -> list[Manifest]:
+        if isinstance(found, ModuleType):
+            give = getattr(found, "knotwork_manifests", None)
+            found = give() if give is not None else getattr(found, "MANIFEST", found)
+        manifests: list[Manifest] = []
+        for manifest in found if isinstance(found, list | tuple) else [found]:
+            if not isinstance(manifest, Manifest):
+                raise TypeError(f"expected a knotwork.core.manifest.Manifest, got {type(manifest).__name__}")
+            manifests.append(manifest)
+        return manifests
+
+    def _add(self, manifest: Manifest, distribution: str) -> None:
+        known = self._records.get(manifest.name)
+        cause = _unusable(manifest)
+        if known is not None:
+            cause = f"the name is taken by {known.distribution}"
+            name = f"{manifest.name} ({distribution})"
+            self._records[name] = Record(name, manifest.kind, distribution, manifest, cause)
+            return
+        kind = manifest.kind if manifest.kind in KINDS else "?"
+        self._records[manifest.name] = Record(manifest.name, kind, distribution, manifest, cause)
+
+
+def load_object(path: str, whose: str) -> Any:
+    """Import `package.module:Name`; any failure becomes one line with its cause."""
+    module, _, name = path.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{path!r} cannot be imported: {_cause(error)}", where=whose) from error
+
+
+def _unusable(manifest: Manifest) -> str:
+    if manifest.kind not in KINDS:
+        return f"unknown kind {manifest.kind!r}, expected one of {', '.join(KINDS)}"
+    if manifest.contract != CONTRACT_VERSION:
+        newer = manifest.contract > CONTRACT_VERSION
+        todo = "update knotwork" if newer else "update the plugin"
+        return f"written for contract {manifest.contract}, this is contract {CONTRACT_VERSION}: {todo}"
+    for model in (manifest.config, manifest.options):
+        if model is not None and not _is_model(model):
+            return f"config must be a pydantic model class, got {model!r}"
+    missing = [name for name in manifest.requires if importlib.util.find_spec(name.partition(".")[0]) is None]
+    if missing:
+        needed = f"pip install 'knotwork[{manifest.extra}]'" if manifest.extra else f"pip install {' '.join(missing)}"
+        return f"needs {', '.join(missing)}: {needed}"
+    return ""
+
+
+def _is_model(model: object) -> bool:
+    return isinstance(model, type) and issubclass(model, BaseModel)
+
+
+def _distribution(point: EntryPoint) -> str:
+    return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "unknown distribution"
+
+
+def _cause(error: BaseException) -> str:
+    text = str(error).splitlines()
+    return f"{type(error).__name__}: {text[0] if text else ''}".rstrip(": ")

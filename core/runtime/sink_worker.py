@@ -1,0 +1,124 @@
+"""A sink's own thread behind a bounded queue, so that no sink slows an estimator."""
+
+from collections import deque
+from collections.abc import Callable
+from threading import Condition, Thread
+
+from knotwork.core import clock
+from knotwork.core.contracts import Sink
+from knotwork.core.messages import Message
+from knotwork.core.runtime.inbox import Policy
+from knotwork.core.runtime.timing import Clocked, Histogram
+
+_WAKE_AT = 64  # messages; fewer wait for the next look, which saves a thread switch a message
+_LOOK_EVERY = 0.05  # s
+_GIVE_UP_AFTER = 10  # failures in a row
+
+Failed = Callable[[Exception, bool], None]  # the error, and whether the sink is given up
+
+
+class SinkWorker:
+    """Hands messages to a sink; an error of the sink is reported and counted, the run goes on."""
+
+    def __init__(
+        self, sink: Sink, size: int, policy: Policy, clocked: Clocked, histogram: Histogram, failed: Failed
+    ) -> None:
+        self.drops = 0
+        self.failures = 0
+        self.backlog_max = 0
+        self._sink = sink
+        self._size = 1 if policy == "latest" else size
+        self._policy = policy
+        self._clocked = clocked
+        self._histogram = histogram
+        self._failed = failed
+        self._in_a_row = 0
+        self._queue: deque[tuple[str, Message]] = deque()
+        self._changed = Condition()
+        self._draining = False
+        self._thread = Thread(target=self._work, name=f"sink {sink.context.name}", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread; a sink that is `inline` has none."""
+        if not self._sink.inline:
+            self._thread.start()
+
+    def put(self, stream: str, message: Message) -> None:
+        """Accept one message."""
+        if self._sink.inline:
+            self._hand(stream, message)
+            return
+        queue = self._queue
+        if len(queue) >= self._size:
+            self._make_room()
+        queue.append((stream, message))
+        if len(queue) == _WAKE_AT or len(queue) >= self._size:
+            with self._changed:
+                self._changed.notify_all()
+
+    def _make_room(self) -> None:
+        if self._policy == "block":
+            with self._changed:
+                while len(self._queue) >= self._size and self._thread.is_alive():
+                    self._changed.notify_all()
+                    self._changed.wait(_LOOK_EVERY)
+            return
+        try:
+            self._queue.popleft()
+            self.drops += 1
+        except IndexError:
+            pass  # the worker was faster
+
+    def finish(self, timeout: float) -> bool:
+        """Handle everything that waits, then the sink's `finish`; False when it did not end in time [s]."""
+        if self._sink.inline:
+            self._last()
+            return True
+        with self._changed:
+            self._draining = True
+            self._changed.notify_all()
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        queue = self._queue
+        while True:
+            self.backlog_max = max(self.backlog_max, len(queue))
+            while queue:
+                self._hand(*queue.popleft())
+            with self._changed:
+                self._changed.notify_all()
+                if not queue:
+                    if self._draining:
+                        break
+                    self._changed.wait(_LOOK_EVERY)
+        self._last()
+
+    def _hand(self, stream: str, message: Message) -> None:
+        if self._in_a_row >= _GIVE_UP_AFTER:
+            self.drops += 1
+            return
+        self._clocked.start()
+        try:
+            self._sink.on_message(stream, message)
+            self._in_a_row = 0
+        except Exception as error:  # noqa: BLE001 - a sink must not end the run
+            self._failure(error)
+        finally:
+            self._clocked.stop(self._histogram)
+
+    def _last(self) -> None:
+        try:
+            self._sink.finish()
+        except Exception as error:  # noqa: BLE001
+            self._failure(error)
+
+    def _failure(self, error: Exception) -> None:
+        self.failures += 1
+        self._in_a_row += 1
+        self._failed(error, self._in_a_row == _GIVE_UP_AFTER)
+
+
+def monotonic_clocked() -> Clocked:
+    """Return the spans of a new thread."""
+    return Clocked(clock.monotonic)

@@ -1,0 +1,91 @@
+"""Pulled sources merged by (time, order in the YAML, source order), and timers."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from knotwork.core.contracts import Driver
+from knotwork.core.messages import Message
+from knotwork.core.runtime.timing import Clocked, Histogram
+
+Item = tuple[str, Message] | int
+
+
+class Source:
+    """A pulled driver and its next item.
+
+    Attributes
+    ----------
+    time
+        Running maximum of the stamps the driver has given [ns].
+    item
+        `(port, message)`, a bare int (nothing comes before that time), or None at the end.
+    """
+
+    def __init__(self, node: str, driver: Driver, clocked: Clocked, histogram: Histogram) -> None:
+        self.node = node
+        self.time = -(2**63)
+        self.item: Item | None = None
+        self._events: Iterator[Item] = iter(driver.events())
+        self._clocked = clocked
+        self._histogram = histogram
+
+    def advance(self) -> None:
+        """Pull the next item; the time it takes is the driver's."""
+        self._clocked.start()
+        try:
+            self.item = next(self._events, None)
+        finally:
+            self._clocked.stop(self._histogram)
+        if self.item is not None:
+            self.time = max(self.time, self.item if isinstance(self.item, int) else self.item[1].stamp)
+
+    def close(self) -> None:
+        """Let a generator run its `finally` blocks."""
+        close = getattr(self._events, "close", None)
+        if close is not None:
+            close()
+
+
+@dataclass(slots=True)
+class Timer:
+    """A call that a node wants each `period` [ns] of the run's clock."""
+
+    node: str
+    period: int
+    call: Callable[[int], None]
+    due: int | None = None  # set by the first event
+
+
+class Timers:
+    """All timers of a run."""
+
+    def __init__(self) -> None:
+        self._timers: list[Timer] = []
+
+    def add(self, timer: Timer) -> None:
+        """Register a timer; it first fires one period after the first event."""
+        self._timers.append(timer)
+
+    def begin(self, time: int) -> None:
+        """Count from here [ns]."""
+        for timer in self._timers:
+            timer.due = time + timer.period
+
+    def next_due(self) -> int | None:
+        """Return the time at which the next timer fires."""
+        return min((t.due for t in self._timers if t.due is not None), default=None)
+
+    def due(self, time: int) -> Iterator[tuple[int, Timer]]:
+        """Yield each firing up to `time`, in order of time, then of registration."""
+        while True:
+            timer = min((t for t in self._timers if t.due is not None and t.due <= time), key=_due, default=None)
+            if timer is None:
+                return
+            at = _due(timer)
+            timer.due = at + timer.period
+            yield at, timer
+
+
+def _due(timer: Timer) -> int:
+    assert timer.due is not None
+    return timer.due

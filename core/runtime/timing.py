@@ -1,0 +1,90 @@
+"""How long things take: nested spans, and histograms of constant size."""
+
+import math
+from types import TracebackType
+from typing import Any
+
+_PER_OCTAVE = 32  # buckets of 2.2 % width
+
+
+class Histogram:
+    """Durations in logarithmic buckets: mean and maximum exact, percentiles to 1.1 %."""
+
+    __slots__ = ("_buckets", "maximum", "n", "own", "total")
+
+    def __init__(self) -> None:
+        self._buckets: dict[int, int] = {}
+        self.n = 0
+        self.total = 0  # ns
+        self.own = 0  # ns, without nested spans
+        self.maximum = 0
+
+    def add(self, duration: int, own: int) -> None:
+        """Add a duration and its part outside nested spans [ns]."""
+        self.n += 1
+        self.total += duration
+        self.own += own
+        self.maximum = max(self.maximum, duration)
+        bucket = int(math.log2(duration + 1) * _PER_OCTAVE)
+        self._buckets[bucket] = self._buckets.get(bucket, 0) + 1
+
+    def percentile(self, share: float) -> float:
+        """Return the duration [ns] that `share` of all durations do not exceed."""
+        left = share * self.n
+        for bucket in sorted(self._buckets):
+            left -= self._buckets[bucket]
+            if left <= 0:
+                return min(float(2 ** ((bucket + 0.5) / _PER_OCTAVE)), float(self.maximum))
+        return float(self.maximum)
+
+    def summary(self) -> dict[str, Any]:
+        """Return n and mean, p50, p95, p99, max [ms]."""
+        n = max(self.n, 1)
+        return {
+            "n": self.n,
+            "mean_ms": self.total / n / 1e6,
+            "p50_ms": self.percentile(0.50) / 1e6,
+            "p95_ms": self.percentile(0.95) / 1e6,
+            "p99_ms": self.percentile(0.99) / 1e6,
+            "max_ms": self.maximum / 1e6,
+            "self_mean_ms": self.own / n / 1e6,
+            "total_ms": self.total / 1e6,
+        }
+
+
+class Clocked:
+    """Spans of one thread: entering one pauses the own time of the span around it."""
+
+    def __init__(self, monotonic: Any) -> None:
+        self._now = monotonic
+        self._stack: list[list[int]] = []  # start, time in nested spans
+
+    def start(self) -> None:
+        """Enter a span."""
+        self._stack.append([self._now(), 0])
+
+    def stop(self, histogram: Histogram) -> None:
+        """Leave the innermost span and add it to `histogram`."""
+        start, nested = self._stack.pop()
+        duration = self._now() - start
+        histogram.add(duration, duration - nested)
+        if self._stack:
+            self._stack[-1][1] += duration
+
+
+class Span:
+    """A reusable `with` block around `Clocked`."""
+
+    __slots__ = ("_clocked", "_histogram")
+
+    def __init__(self, clocked: Clocked, histogram: Histogram) -> None:
+        self._clocked = clocked
+        self._histogram = histogram
+
+    def __enter__(self) -> None:
+        self._clocked.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._clocked.stop(self._histogram)

@@ -1,0 +1,15 @@
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The recorded logs: KNOTWORK_DATA, else ../shared/data beside the checkout."""
+    folder = Path(os.environ.get("KNOTWORK_DATA", ROOT.parent / "shared" / "data"))
+    if not (folder / "intel").is_dir():
+        pytest.skip(f"no recorded logs at {folder} (set KNOTWORK_DATA)")
+    return folder
