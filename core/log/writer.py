@@ -114,9 +114,7 @@ class McapWriter:
         """Add a channel of a schema (0: none); return its id."""
         number = len(self._channels) + 1
         record = _record(
-            Channel(
-                id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=dict(metadata)
-            )
+            Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=dict(metadata))
         )
         self._channels.append(record)
         self._definitions += record
@@ -209,9 +207,7 @@ class McapWriter:
         for opcode, records in groups:
             group = b"".join(records)
             if group:
-                offset = SummaryOffset(
-                    group_opcode=opcode, group_start=start + len(summary), group_length=len(group)
-                )
+                offset = SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(group))
                 offsets += _record(offset)
             summary += group
         offset_start = start + len(summary)
@@ -251,9 +247,7 @@ class McapWriter:
             for channel, index in self._index.items():
                 offsets += struct.pack("<HQ", channel, base + chunk_length + at)
                 size = 8 * len(index)
-                blob.append(
-                    struct.pack(f"<BQHI{len(index)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *index)
-                )
+                blob.append(struct.pack(f"<BQHI{len(index)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *index))
                 at += 15 + size
             body = struct.pack("<QQQQI", self._chunk_start, self._chunk_end, base, chunk_length, len(offsets))
             body += offsets + struct.pack(f"<QI{len(name)}sQQ", at, len(name), name, len(data), len(raw))

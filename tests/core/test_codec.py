@@ -32,9 +32,7 @@ PLAIN = st.recursive(
 
 def arrays(dtype: Any) -> st.SearchStrategy[Any]:
     shapes = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=5)
-    return hnp.arrays(dtype, shapes).flatmap(
-        lambda a: st.sampled_from([a, a.T, a[..., ::-1] if a.ndim else a])
-    )
+    return hnp.arrays(dtype, shapes).flatmap(lambda a: st.sampled_from([a, a.T, a[..., ::-1] if a.ndim else a]))
 
 
 def strategy(annotation: Any) -> st.SearchStrategy[Any]:
@@ -253,11 +251,7 @@ def test_registering(monkeypatch):
 
 
 def test_table_holds_every_message_class():
-    found = {
-        c.type_name: c
-        for c in vars(messages_module).values()
-        if isinstance(c, type) and issubclass(c, Message)
-    }
+    found = {c.type_name: c for c in vars(messages_module).values() if isinstance(c, type) and issubclass(c, Message)}
     del found[""]  # Message itself
     assert {name: message_class(name) for name in found} == found
     assert found.keys() == set(TYPES)

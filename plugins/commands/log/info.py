@@ -81,9 +81,7 @@ def _text(facts: dict[str, Any], with_config: bool) -> str:
         f"written by {facts['library']}",
     ]
     run = {key: value for key, value in facts["run"].items() if with_config or key != "config"}
-    lines += [
-        f"{key}: {msgspec.json.encode(value, enc_hook=str).decode()}" for key, value in sorted(run.items())
-    ]
+    lines += [f"{key}: {msgspec.json.encode(value, enc_hook=str).decode()}" for key, value in sorted(run.items())]
     rows = [("topic", "schema", "messages", "rate")]
     for channel in facts["channels"]:
         rate = "" if channel["rate_hz"] is None else f"{channel['rate_hz']:.2f} Hz"

@@ -75,6 +75,8 @@ class McapRecorder(Sink):
             The file cannot be created.
         """
         config = self._config
+        if config.views:
+            views("")  # imports the schemas now, not while messages wait
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._create(self.path)
@@ -204,12 +206,8 @@ class McapRecorder(Sink):
         channel = self._shared.get(key)
         if channel is None:
             schema = self._schema(view.schema, view.schema_encoding, lambda: view.definition)
-            metadata = {
-                k: v for k, v in found.metadata.items() if k in ("view_of", "wall_clock") and not view.topic
-            }
-            channel = self._writer.register_channel(
-                shown.topic, view.encoding, schema, {"view": "true", **metadata}
-            )
+            metadata = {k: v for k, v in found.metadata.items() if k in ("view_of", "wall_clock") and not view.topic}
+            channel = self._writer.register_channel(shown.topic, view.encoding, schema, {"view": "true", **metadata})
             self._shared[key] = channel
         return channel
 
@@ -252,9 +250,7 @@ class McapRecorder(Sink):
             )
         elif writer.size > self._failed_size + 2 * self._config.chunk_size:  # not just what still found room
             self._failed_size, self._failure = -1, None
-            self.context.report(
-                "warning", f"{self.path}: recording again; {writer.dropped} records were dropped"
-            )
+            self.context.report("warning", f"{self.path}: recording again; {writer.dropped} records were dropped")
 
 
 def _text(value: Any) -> str:

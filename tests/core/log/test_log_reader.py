@@ -112,9 +112,7 @@ def test_unknown_types_and_damaged_payloads_are_counted(tmp_path):
         digest(path)
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"# a carmen log\nFLASER 0\n", b"\x89MCAP", b"\x89PNG\r\n\x1a\n" + bytes(50)]
-)
+@pytest.mark.parametrize("content", [b"", b"# a carmen log\nFLASER 0\n", b"\x89MCAP", b"\x89PNG\r\n\x1a\n" + bytes(50)])
 def test_another_format_is_an_input_error(tmp_path, content):
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
@@ -280,11 +278,7 @@ def test_digest_is_of_the_decisions_only(tmp_path, whole):
     assert digest(write(tmp_path / "slower.mcap", change=slower)) == digest(whole)
 
     def moved(i, found):
-        return (
-            Twist(stamp=found.stamp, time=found.time, seq=i, vx=np.nextafter(found.vx, 9))
-            if i == 150
-            else found
-        )
+        return Twist(stamp=found.stamp, time=found.time, seq=i, vx=np.nextafter(found.vx, 9)) if i == 150 else found
 
     assert digest(write(tmp_path / "moved.mcap", change=moved)) != digest(whole)
     assert digest(write(tmp_path / "short.mcap", n=299)) == digest(whole)  # the last one is wall clock

@@ -46,9 +46,7 @@ def test_independent_reader_opens_it(compression, level):
     fill(writer, 500)
     writer.flush()
     writer.add_metadata("second", {"c": "d"})
-    writer.add_attachment(
-        Attachment(create_time=1, log_time=2, name="n", media_type="text/plain", data=b"xyz")
-    )
+    writer.add_attachment(Attachment(create_time=1, log_time=2, name="n", media_type="text/plain", data=b"xyz"))
     writer.finish()
     file.seek(0)
     reader = make_reader(file, validate_crcs=True)

@@ -81,9 +81,7 @@ def test_scan(ranges, x, y, turn, with_intensities):
     assert view.timestamp == TIME
     assert view.frame_id == "base"
     np.testing.assert_array_equal(np.array(view.ranges), beams.astype(float))
-    np.testing.assert_array_equal(
-        np.array(view.intensities), beams[::-1].astype(float) if with_intensities else []
-    )
+    np.testing.assert_array_equal(np.array(view.intensities), beams[::-1].astype(float) if with_intensities else [])
     assert (view.pose.position.x, view.pose.position.y, view.pose.position.z) == (x, y, 0)
     assert yaw(view.pose.orientation) == pytest.approx(turn)
     assert view.start_angle == -1.5
@@ -146,13 +144,8 @@ def test_grid():
     assert (colours[:, 2, 3] == 0).all()
     assert 120 < colours[1, 0, 0] < 135
     transposed = rendered(Grid(stamp=0, cells=cells.T, resolution=0.05, origin=(0, 0, 0)), GridView)
-    assert (
-        np.frombuffer(transposed.data, np.uint8).reshape(3, 2, 4).tolist()
-        == colours.transpose(1, 0, 2).tolist()
-    )
-    empty = rendered(
-        Grid(stamp=0, cells=np.zeros((0, 0), np.int8), resolution=0.1, origin=(0, 0, 0)), GridView
-    )
+    assert np.frombuffer(transposed.data, np.uint8).reshape(3, 2, 4).tolist() == colours.transpose(1, 0, 2).tolist()
+    empty = rendered(Grid(stamp=0, cells=np.zeros((0, 0), np.int8), resolution=0.1, origin=(0, 0, 0)), GridView)
     assert empty.data == b""
 
 

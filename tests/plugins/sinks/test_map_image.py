@@ -107,9 +107,7 @@ def run(out, messages, **config):
 
 
 def pose(scan, x, y, **more):
-    return Pose(
-        stamp=scan, time=scan, **{"role": "estimate", "scan_id": scan, **more}, pose=np.array([x, y, 0.0])
-    )
+    return Pose(stamp=scan, time=scan, **{"role": "estimate", "scan_id": scan, **more}, pose=np.array([x, y, 0.0]))
 
 
 def test_estimates_are_drawn_and_a_trajectory_corrects_them(tmp_path):
@@ -143,9 +141,7 @@ def test_estimates_are_drawn_and_a_trajectory_corrects_them(tmp_path):
 
 def test_period_and_further_streams(tmp_path):
     later = Grid(stamp=0, time=60 * 10**9, cells=room().cells, resolution=0.05, origin=(0, 0, 0))
-    context = SimpleNamespace(
-        name="p", config=MapImageConfig(period=60, size=200), out=tmp_path, report=pytest.fail
-    )
+    context = SimpleNamespace(name="p", config=MapImageConfig(period=60, size=200), out=tmp_path, report=pytest.fail)
     sink = MapImage(context)
     sink.on_message("m.grid", room())
     assert not list(tmp_path.iterdir())

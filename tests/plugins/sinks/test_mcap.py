@@ -33,9 +33,7 @@ RUN = {"pipeline": "test", "config": {"nodes": {"a": [1, 2.5]}}, "versions": {"k
 
 class FakeContext(SimpleNamespace):
     def __init__(self, out, **config):
-        super().__init__(
-            name="recorder", config=McapConfig(**config), options=None, uses={}, out=out, seed=0, run=RUN
-        )
+        super().__init__(name="recorder", config=McapConfig(**config), options=None, uses={}, out=out, seed=0, run=RUN)
         self.reports, self.counts = [], {}
 
     def report(self, level, text):
@@ -343,9 +341,7 @@ def test_full_disk_on_a_small_file_system(tmp_path):
         pytest.skip("mounting a small tmpfs needs root")
     small = tmp_path / "small"
     small.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(small)], capture_output=True
-    )
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(small)], capture_output=True)
     if mounted.returncode:
         pytest.skip(f"cannot mount: {mounted.stderr.decode().strip()}")
     try:
@@ -402,9 +398,7 @@ def test_disk_that_stays_full(tmp_path, monkeypatch):
 
 
 def test_disk_full_at_open_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        McapRecorder, "_create", staticmethod(lambda path: FullDisk(path.open("wb", buffering=0), 4))
-    )
+    monkeypatch.setattr(McapRecorder, "_create", staticmethod(lambda path: FullDisk(path.open("wb", buffering=0), 4)))
     sink = McapRecorder(FakeContext(tmp_path))
     with pytest.raises(KnotworkError, match="cannot write the log: No space left"):
         sink.open()
@@ -413,9 +407,7 @@ def test_disk_full_at_open_is_one_line(tmp_path, monkeypatch):
 
 def test_grid_view_is_on_its_own_topic(tmp_path):
     cells = np.zeros((4, 3), np.int8)
-    sink, _ = record(
-        tmp_path, n=0, extra=[("map.grid", Grid(stamp=1, cells=cells, resolution=0.1, origin=(0, 0, 0)))]
-    )
+    sink, _ = record(tmp_path, n=0, extra=[("map.grid", Grid(stamp=1, cells=cells, resolution=0.1, origin=(0, 0, 0)))])
     assert topics(sink.path)["/map/grid"][0][3].column_count == 3
 
 
