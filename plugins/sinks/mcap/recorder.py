@@ -5,7 +5,6 @@ Lossless: topic `/knotwork/<node>/<port>`, encoding `msgpack` (knotwork.core.cod
 under a schema viewers know. Log time is the message's `time`, publish time its `stamp`.
 """
 
-import time
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -129,6 +128,8 @@ class McapRecorder(Sink):
         self._stop.set()
         if self._flusher.is_alive():
             self._flusher.join()
+        if self._failure is not None and self._writer is not None:
+            self._report_failure()
         writer, self._writer = self._writer, None
         if writer is None or self._file is None:
             return
@@ -219,22 +220,19 @@ class McapRecorder(Sink):
 
     def _flush_each_period(self) -> None:
         """Flush and fsync until the recorder closes; a slow disk holds up nobody but this thread."""
-        synced = time.monotonic()
-        while not self._stop.wait(self._config.flush):
-            with self._lock:
-                writer = self._writer
-                if writer is None:
-                    return
-                try:
-                    writer.flush()
-                except OSError as error:
-                    self._failure = error
-            if self._config.fsync and time.monotonic() - synced >= self._config.fsync:
-                try:
+        config = self._config
+        flushes_a_sync = max(round(config.fsync / config.flush), 1)
+        flushes = 0
+        while not self._stop.wait(config.flush):
+            flushes += 1
+            try:
+                with self._lock:
+                    if self._writer is not None:
+                        self._writer.flush()
+                if config.fsync and flushes % flushes_a_sync == 0:
                     sync(self._file)
-                except OSError as error:
-                    self._failure = error
-                synced = time.monotonic()
+            except OSError as error:
+                self._failure = error
 
     def _report_failure(self) -> None:
         """Say once that writing fails, and once that it goes on."""
