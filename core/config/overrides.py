@@ -53,7 +53,8 @@ def override(root: Item, argument: str, problems: Problems) -> Item:
 def label(argument: str) -> str:
     """Return the argument as it is shown: cut to a readable length, secrets masked."""
     key, equals, text = argument.partition("=")
-    shown = "***" if is_secret(key) else text
+    holds_secret = is_secret(key) or any(is_secret(part) for part in text.split(":")[:-1])  # {token: x}
+    shown = "***" if holds_secret else text
     line = one_line(f"--set {key}{equals}{shown}")
     return line if len(line) <= 100 else line[:97] + "..."
 
