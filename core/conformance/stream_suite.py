@@ -125,12 +125,14 @@ class ObserverSuite(StreamSuite):
         for number in range(40):
             for port in self.manifest.inputs:
                 context.give(node, port, self.message(port, rng, number, number * STEP))
-            estimate = node.prior(context.now())
-            assert estimate.pose.shape == (3,)
-            assert estimate.twist.shape == (3,)
-            assert np.all(np.isfinite(estimate.pose))
-            assert np.all(np.isfinite(estimate.twist))
-            _check_covariance(estimate.covariance)
+            # At a scan's stamp, which may be behind the run's time; beyond the newest message; long before all.
+            for time in (context.now(), context.now() - STEP, context.now() + 10 * STEP, -(10**12)):
+                estimate = node.prior(time)
+                assert estimate.pose.shape == (3,)
+                assert estimate.twist.shape == (3,)
+                assert np.all(np.isfinite(estimate.pose))
+                assert np.all(np.isfinite(estimate.twist))
+                _check_covariance(estimate.covariance)
         node.close()
 
 
