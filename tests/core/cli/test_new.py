@@ -1,6 +1,10 @@
 import ast
+import os
 import re
+import subprocess
+import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 import yaml
@@ -101,3 +105,26 @@ def test_wrong_arguments(words, capsys):
 
 def test_render():
     assert new.render("my-plugin my_plugin MyPlugin KIND", "a-b2", "map") == "a-b2 a_b2 AB2 map"
+
+
+@pytest.mark.slow
+def test_what_is_made_is_clean_by_our_own_rules(tmp_path):
+    for kind in KINDS:
+        new.write(f"new-{kind}", kind, tmp_path / kind)
+    root = Path(__file__).parents[3]
+    sources = [str(tmp_path / kind / "src") for kind in KINDS]
+    path = {"MYPYPATH": os.pathsep.join([str(root / "src"), *sources])}
+    packages = [word for kind in KINDS for word in ("-p", f"knotwork_new_{kind}")]
+    ruff = [sys.executable, "-m", "ruff"]
+    # Sorted imports depend on what a linter takes for one's own.
+    rules = ["--select", "E,F,W,UP,B,C4,SIM,D,ANN,T20,BLE,NPY,PERF", "--ignore", "D105,D107,ANN401,PERF401"]
+    style = ["--isolated", "--line-length", "120"]
+    convention = ["--config", "lint.pydocstyle.convention='numpy'"]
+    mypy = [sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports", "--follow-imports=silent"]
+    for words in (
+        [*ruff, "check", *style, *rules, *convention, "--no-cache", *sources],
+        [*ruff, "format", *style, "--check", "--no-cache", *sources],
+        [*mypy, "--cache-dir", str(tmp_path / "cache"), *packages],
+    ):
+        done = subprocess.run(words, cwd=tmp_path, env=os.environ | path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
