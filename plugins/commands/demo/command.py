@@ -45,8 +45,8 @@ def _closing_lines(out: Path, summary: dict[str, object]) -> str:
     error = "no truth to compare with"
     if isinstance(truth, dict):
         error = (
-            f"position error {100 * truth['position_rms_m']:.1f} cm RMS, {100 * truth['position_max_m']:.1f} cm at most; "
-            f"heading {truth['heading_rms_deg']:.2f} deg RMS"
+            f"position error {100 * truth['position_rms_m']:.1f} cm RMS, {100 * truth['position_max_m']:.1f} cm at "
+            f"most; heading {truth['heading_rms_deg']:.2f} deg RMS"
         )
     return (
         f"\nmap picture: {out / 'map.png'}\nlog:         {out / 'log.mcap'}\n"
