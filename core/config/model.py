@@ -31,9 +31,7 @@ class _Keys(BaseModel):
 class Queue(_Keys):
     """A bounded queue at a thread border."""
 
-    size: int = Field(
-        100, ge=1, le=1_000_000, description="messages it holds", json_schema_extra={"unit": "messages"}
-    )
+    size: int = Field(100, ge=1, le=1_000_000, description="messages it holds", json_schema_extra={"unit": "messages"})
     policy: Literal["block", "drop-oldest", "latest"] | None = Field(
         None, description="what happens when it is full; null: block in replay, drop-oldest otherwise"
     )
@@ -68,7 +66,6 @@ class NodeKeys(_Keys):
         {}, description="keys that one backend alone understands, by plugin name; the chosen one's apply"
     )
     queue: Queue | None = Field(None, description="queue before this node, where it has a thread of its own")
-    worker: bool = Field(False, description="runs in a thread of its own on the latest input (clock real)")
 
 
 RESERVED = frozenset(NodeKeys.model_fields)
@@ -96,7 +93,6 @@ class NodeSpec:
     uses: dict[str, str]
     inputs: dict[str, tuple[str, ...]]
     queue: Queue | None
-    worker: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -247,7 +247,7 @@ class GaussNewton(Localizer):
     def _prior(self, scan: Scan) -> PriorEstimate:
         prior: Prior | None = self.context.uses.get("prior")
         if prior is not None:
-            return prior.prior(scan.time)
+            return prior.prior(scan.stamp)
         return PriorEstimate(self._last, _LOOSE, np.zeros(3), weak=False)
 
 
