@@ -118,7 +118,7 @@ class Curve:
     def at_length(self, lengths: ArrayLike) -> F64:
         """Return the parameters at which the arc length from the start reaches `lengths` (n,), clipped to the curve.
 
-        Accurate to about 1e-9 of a knot interval on curves without cusps.
+        Accurate to 1e-9 of the length, less where the curve all but stops (a cusp).
         """
         wanted = np.atleast_1d(np.asarray(lengths, np.float64))
         low, high = self.domain
