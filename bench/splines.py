@@ -46,7 +46,7 @@ def median_call(function, argument, budget: float) -> float:
 
 def race(calls: dict[str, tuple], budget: float, rounds: int) -> dict[str, float]:
     """Return the lowest median [s] of each `(function, argument)`, all of them timed in turn."""
-    best = {name: np.inf for name in calls}
+    best = dict.fromkeys(calls, np.inf)
     for _ in range(rounds):
         for name, (function, argument) in calls.items():
             best[name] = min(best[name], median_call(function, argument, budget))

@@ -16,11 +16,14 @@ from knotwork.core.splines.basis import Array, cubic, cubic_slope, fill_derivati
 def within(tau: float, origin: float, step: float, degree: int, m: int) -> tuple[int, float]:
     """Return (mu - degree, t); the last interval is closed, a billionth of an interval outside is forgiven."""
     quotient = (tau - origin) / step
-    mu = min(max(math.floor(quotient), degree), m - 1)
-    t = quotient - mu
-    if t < -1e-9 or t > 1.0 + 1e-9:
+    whole = np.floor(quotient)
+    low, high = float(degree), float(m - 1)
+    whole = whole if whole > low else low  # NaN too
+    whole = whole if whole < high else high
+    t = quotient - whole
+    if not (-1e-9 <= t <= 1.0 + 1e-9):
         t = math.nan
-    return mu - degree, t
+    return int(whole) - degree, t
 
 
 @kernel

@@ -109,10 +109,20 @@ def _contract(builder: Values, rows: list[Values], tx: Values, ty: Values) -> li
     across = _polynomials(builder, _WEIGHTS, ty)
     summed = _combine(builder, _polynomials(builder, _WEIGHTS, tx), rows)
     sloped = _combine(builder, _polynomials(builder, _SLOPES, tx), rows)
+    one = builder.fmul(sloped, across, flags=_FLAGS)
+    two = builder.fmul(summed, _polynomials(builder, _SLOPES, ty), flags=_FLAGS)
+    even = ir.Constant(ir.VectorType(_LANE, 4), [0, 4, 2, 6])
+    odd = ir.Constant(ir.VectorType(_LANE, 4), [1, 5, 3, 7])
+    pairs = builder.fadd(builder.shuffle_vector(one, two, even), builder.shuffle_vector(one, two, odd), flags=_FLAGS)
+    both = builder.fadd(
+        builder.shuffle_vector(pairs, pairs, _lanes(2, 0, 1)),
+        builder.shuffle_vector(pairs, pairs, _lanes(2, 2, 1)),
+        flags=_FLAGS,
+    )
     return [
         _dot(builder, summed, across),
-        _dot(builder, sloped, across),
-        _dot(builder, summed, _polynomials(builder, _SLOPES, ty)),
+        builder.extract_element(both, _LANE(0)),
+        builder.extract_element(both, _LANE(1)),
     ]
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import NdBSpline, RectBivariateSpline
 
 from knotwork.core.errors import InputError
-from knotwork.core.splines import Surface
+from knotwork.core.splines import Surface, tiles
 
 
 def random_surface(degree=3, dtype=np.float64, origin=(0.13, -0.4), step=(0.1, 0.25), first=(-20, 17), shape=(70, 45)):
@@ -160,15 +160,16 @@ def test_roughness_against_quadrature():
 
 
 def test_merge_is_the_weighted_mean_where_both_are_and_a_union_elsewhere():
-    a = random_surface(first=(0, 0), shape=(96, 64), step=(0.1, 0.1), origin=(0.0, 0.0))
-    b = random_surface(first=(32, 0), shape=(96, 64), step=(0.1, 0.1), origin=(0.0, 0.0))
+    side, step = tiles.SIDE, 0.1
+    knots = {"shape": (3 * side, side), "step": (step, step), "origin": (0.0, 0.0)}
+    a, b = random_surface(first=(0, 0), **knots), random_surface(first=(side, 0), **knots)
     merged = a.copy()
     merged.merge(b, 3.0, 1.0)
     rng = np.random.default_rng(1)
-    both = np.column_stack((rng.uniform(3.6, 9.5, 100), rng.uniform(0.4, 6.3, 100)))
-    aside = np.array([3.2, 0.0])
-    only_a, only_b = both - aside, both + aside
-    only_a, only_b = only_a[only_a[:, 0] < 3.2], only_b[only_b[:, 0] > 9.9]
+    y = rng.uniform(4 * step, (side - 1) * step, 100)
+    both = np.column_stack((rng.uniform((side + 4) * step, 3 * side * step, 100), y))
+    only_a = np.column_stack((rng.uniform(4 * step, side * step, 100), y))
+    only_b = np.column_stack((rng.uniform((3 * side + 4) * step, 4 * side * step, 100), y))
     np.testing.assert_allclose(merged(both), 0.75 * a(both) + 0.25 * b(both), atol=1e-12)
     np.testing.assert_allclose(merged(only_a), a(only_a), atol=1e-12)
     np.testing.assert_allclose(merged(only_b), b(only_b), atol=1e-12)
