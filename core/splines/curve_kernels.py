@@ -10,6 +10,7 @@ import numpy as np
 
 from knotwork.core.kernel import inlined, kernel
 from knotwork.core.splines.basis import Array, cubic, cubic_slope, fill_derivative
+from knotwork.core.splines.curve_piece import plane_point
 
 
 @inlined
@@ -31,6 +32,11 @@ def cubic_points(control: Array, origin: float, step: float, tau: Array) -> Arra
     """Return the points (n, dim)."""
     m, dim = control.shape
     out = np.empty((tau.shape[0], dim))
+    if dim == 2:
+        for k in range(tau.shape[0]):
+            i, t = within(tau[k], origin, step, 3, m)
+            out[k, 0], out[k, 1], _, _ = plane_point(control, i, t)
+        return out
     for k in range(tau.shape[0]):
         i, t = within(tau[k], origin, step, 3, m)
         b0, b1, b2, b3 = cubic(t)
@@ -47,6 +53,13 @@ def cubic_slopes(control: Array, origin: float, step: float, tau: Array) -> tupl
     out = np.empty((tau.shape[0], dim))
     slopes = np.empty((tau.shape[0], dim))
     per_step = 1.0 / step
+    if dim == 2:
+        for k in range(tau.shape[0]):
+            i, t = within(tau[k], origin, step, 3, m)
+            out[k, 0], out[k, 1], dx, dy = plane_point(control, i, t)
+            slopes[k, 0] = per_step * dx
+            slopes[k, 1] = per_step * dy
+        return out, slopes
     for k in range(tau.shape[0]):
         i, t = within(tau[k], origin, step, 3, m)
         b0, b1, b2, b3 = cubic(t)
