@@ -109,6 +109,7 @@ class NormalEquations:
 
     The step that lowers the cost is -H^-1 g: `H` (3, 3) and `g` (3,) are sum(w J^T J) and sum(w J^T r)
     with r the residual and J its Jacobian with respect to (x, y, yaw) of the robot pose, both whitened.
+    Losses are r^2 near zero, so `g` is half the gradient of `cost`.
     """
 
     H: F64
@@ -191,7 +192,7 @@ class Prior(Protocol):
     """What a localiser asks before it looks at a scan."""
 
     def prior(self, time: int) -> "PriorEstimate":
-        """Return the predicted pose at `time` [ns]."""
+        """Return the predicted pose at `time` [ns]: the `stamp` of what was measured, or the run's time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ def assemble(
     contexts: dict[str, NodeContext] = {}
     for name in graph.order:
         spec = pipeline.nodes[name]
-        implementation = registry.load(spec.manifest)
+        implementation: Any = registry.load(spec.manifest)
         clocked = monotonic_clocked() if spec.manifest.kind == "sink" else dispatcher.clocked
         context = NodeContext(spec, dispatcher, clocked, report, out=out, seed=pipeline.seed, header=header)
         context.uses |= {u.name: nodes[u.target] for u in graph.uses if u.node == name}
@@ -80,7 +80,8 @@ def _wire(
     for stream in graph.streams:
         channel = Channel(*_queue(pipeline.nodes[stream.node], graph))
         outlets[stream] = contexts[stream.node].outlets[stream.port] = Outlet(stream, str(stream), channel)
-    for edge in graph.edges:
+    # A used node hears of a message before its user does: a prior takes a scan before the localiser asks it.
+    for edge in sorted(graph.edges, key=lambda e: graph.order.index(e.node)):
         outlet = outlets[edge.stream]
         worker = workers.get(edge.node)
         if worker is None:

@@ -8,7 +8,7 @@ from knotwork.core.runtime.assembly import Assembly
 
 
 def measure(assembly: Assembly, begun: int, first_event: int) -> dict[str, Any]:
-    """Return the figures so far; `begun` and `first_event` are monotonic [ns], 0 for not yet.
+    """Return the figures so far; `begun` (the process) and `first_event` are monotonic [ns], 0 for not yet.
 
     Keys: `startup_s` (to the first event), `wall_s` (since it), `peak_rss_mb`, `nodes` (per node and
     per span `node.name`: n, mean_ms, p50_ms, p95_ms, p99_ms, max_ms, self_mean_ms (nested spans taken

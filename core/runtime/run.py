@@ -84,7 +84,7 @@ class Run:
         self._assembly = Assembly({}, {}, {})
         self._opened: list[str] = []
         self._failure: KnotworkError | None = None
-        self._begun = clock.monotonic()
+        self._begun = clock.monotonic() - clock.since_process_start()
         self._lock = Lock()
         self._errors = 0
         self._lines: dict[str, int] = {}

@@ -1,0 +1,1 @@
+"""Scores of trajectories: relations, absolute and relative trajectory error, TUM files."""

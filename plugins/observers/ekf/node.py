@@ -1,0 +1,191 @@
+"""The observer `ekf`: messages in, priors out."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from knotwork.core.contracts import Context, Observer, PriorEstimate
+from knotwork.core.geometry import Pose2, compose, inverse, wrap
+from knotwork.core.messages import F64, Message, Odometry, Pose, Scan, Transform
+from knotwork.plugins.observers.ekf import EkfConfig
+from knotwork.plugins.observers.ekf.entries import Fix
+from knotwork.plugins.observers.ekf.filter import Triangle, to_matrix, to_triangle
+from knotwork.plugins.observers.ekf.history import History
+
+_MARKS = 4096  # stamps and scans whose place in the odometry is remembered
+
+Place = tuple[int, int]  # time [ns] and knot number
+
+
+class Ekf(Observer):
+    """Predicted pose of the robot in the map, from odometry and corrections in any order of arrival.
+
+    Implements `knotwork.core.contracts.Prior`. Equations (3.8)-(3.14), as the errata mend them.
+    """
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        config: EkfConfig = context.config
+        self._history = History(config)
+        self._sigma = np.diag(np.square([config.correction_sigma[0], *config.correction_sigma]))
+        self._scans: dict[tuple[int, int], Place] = {}  # by stamp and scan_id
+        self._stamps: dict[int, Place] = {}  # by stamp of odometry
+        self._told: set[str] = set()
+
+    def prior(self, time: int) -> PriorEstimate:
+        """Return the predicted pose at `time` [ns]: inside the buffer, or beyond its end by extrapolation.
+
+        The stamp of an odometry message means the instant of that message, also where stamps run backwards.
+        """
+        known = self._stamps.get(time)
+        state, twist, weak = self._history.at(time if known is None else known[0])
+        return PriorEstimate(np.array(state.pose), to_matrix(state.covariance), np.array(twist), weak)
+
+    def on_odometry(self, message: Odometry) -> None:
+        """Integrate the motion since the last odometry message and publish the prior."""
+        x, y, yaw = message.pose.tolist()
+        twist: Pose2 | None = None
+        covariance: Triangle | None = None
+        if message.twist is not None:
+            vx, vy, w = message.twist.tolist()
+            twist = (vx, vy, w)
+        if message.covariance is not None:
+            covariance = to_triangle(message.covariance)
+        if not _finite(x, y, yaw, *(twist or ()), *(covariance or ())):
+            self._tell("invalid_odometry", "odometry with a value that is no number is ignored")
+            return
+        knot = self._history.append_odometry(
+            message.time, (x, y, yaw), twist, covariance, message.discontinuity
+        )
+        _remember(self._stamps, message.stamp, (knot.time, knot.number))
+        if knot.jump:
+            self._tell(
+                "discontinuities", "odometry was interrupted: weak prediction until the next correction"
+            )
+        elif knot.gap:
+            self.context.count("gaps")
+        self._publish(message)
+
+    def on_scan(self, message: Scan) -> None:
+        """Remember where in the odometry the scan was taken; without odometry, predict its pose."""
+        history = self._history
+        newest = history.newest
+        if newest is None or newest.odom is None:
+            knot = history.append_scan(message.time)
+            _remember(self._stamps, message.stamp, (knot.time, knot.number))
+            self._publish(message)
+        _remember(self._scans, (message.stamp, message.scan_id), self._instant(message.stamp, message.time))
+
+    def on_correction(self, message: Pose) -> None:
+        """Take the pose of a scan, however late."""
+        if message.lost:
+            self.context.count("lost_corrections")
+            return
+        fix = self._fix(message)
+        if fix is None:
+            self._tell(
+                "invalid_corrections", "a correction whose numbers make no pose and covariance is ignored"
+            )
+            return
+        if not self._history.insert(fix):
+            self._tell("old_corrections", "a correction older than the buffer is ignored; raise `buffer`")
+            return
+        if fix.outcome == "refused":
+            self._tell("refused_corrections", f"a correction far from the prediction is refused: {fix.pose}")
+        elif fix.outcome == "forced":
+            self.context.count("forced_corrections")
+            self.context.report("warning", "corrections keep disagreeing with the prediction: believing them")
+        last = self._history.entries[-1]
+        if last.odom is not None:
+            pose = np.array(compose(last.state.pose, inverse(last.odom)))
+            self.context.emit(
+                "transform", Transform(stamp=message.stamp, parent="map", child="odom", pose=pose)
+            )
+
+    def _publish(self, message: Message) -> None:
+        state = self._history.entries[-1].state
+        self.context.emit(
+            "prior",
+            Pose(
+                stamp=message.stamp,
+                role="prior",
+                pose=np.array(state.pose),
+                covariance=to_matrix(state.covariance),
+            ),
+        )
+
+    def _fix(self, message: Pose) -> Fix | None:
+        """Return the correction with its place in the history, None if its numbers are unusable."""
+        pose, covariance, information = message.pose, message.covariance, None
+        if not message.prior_included and message.scan_information is not None:
+            information = message.scan_information
+            pose = message.pose if message.scan_pose is None else message.scan_pose
+        if information is not None and not _is_information(information):
+            return None
+        if covariance is None:
+            covariance = self._sigma
+        elif information is None and not _is_covariance(covariance):
+            return None
+        x, y, yaw = pose.tolist()
+        if not _finite(x, y, yaw):
+            return None
+        time, number = self._place(message)
+        key = (time, number, 1, message.stamp, message.scan_id)
+        mean: Pose2 = (x, y, wrap(yaw))
+        return Fix(key, mean, covariance, information, message.prior_included)
+
+    def _place(self, message: Pose) -> tuple[int, int]:
+        """Return time and knot number of the scan that a correction belongs to."""
+        place = self._scans.get((message.stamp, message.scan_id))
+        if place is not None:
+            return place
+        history = self._history
+        newest = history.newest
+        if newest is None or (newest.odom is None and message.time > newest.time):
+            history.append_scan(message.time)
+            return message.time, history.number_at(message.time)
+        return self._instant(message.stamp, message.time)
+
+    def _instant(self, stamp: int, time: int) -> Place:
+        """Return where a measurement belongs: at the odometry of its stamp, else at its stamp, never ahead of `time`."""
+        known = self._stamps.get(stamp)
+        if known is not None:
+            return known
+        at = min(stamp, time)
+        return at, self._history.number_at(at)
+
+    def _tell(self, counter: str, text: str) -> None:
+        """Count, and report the first of its kind."""
+        self.context.count(counter)
+        if counter not in self._told:
+            self._told.add(counter)
+            self.context.report(
+                "warning", f"{text} (first of its kind; the summary counts them as {counter})"
+            )
+
+
+def _remember(places: dict[Any, Place], key: Any, place: Place) -> None:
+    places.pop(key, None)
+    places[key] = place
+    if len(places) > _MARKS:
+        del places[next(iter(places))]
+
+
+def _finite(*values: float) -> bool:
+    return all(map(math.isfinite, values))
+
+
+def _is_covariance(matrix: F64) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.isfinite(matrix).all())
+
+
+def _is_information(matrix: F64) -> bool:
+    if not np.isfinite(matrix).all():
+        return False
+    values = np.linalg.eigvalsh(matrix)
+    return bool(values[0] >= -1e-9 * max(1.0, values[-1]))
