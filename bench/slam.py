@@ -139,8 +139,7 @@ def show(result: dict[str, Any], relations: Path | None) -> None:
     )
     for name, t in {"localizer": result["total"], **result["times"]}.items():
         print(
-            f"  {name:10s} n {t['n']:6d} mean {t['mean']:.3f} p95 {t['p95']:.3f} ms, "
-            f"{t['sum_per_scan']:.3f} ms a scan"
+            f"  {name:10s} n {t['n']:6d} mean {t['mean']:.3f} p95 {t['p95']:.3f} ms, {t['sum_per_scan']:.3f} ms a scan"
         )
     if relations is not None:
         score = score_relations(StampedPoses(result["stamps"], result["poses"]), read_relations(relations))
