@@ -25,5 +25,5 @@ def test_first_use_says_once_that_it_compiles_and_the_second_is_silent(tmp_path:
     code = "from knotwork.core.splines import Surface; s = Surface(); s.at(0.0, 0.0); s.with_gradient([[0.0, 0.0]])"
     first = run(code, NUMBA_CACHE_DIR=str(tmp_path))
     assert first.stderr.count("\n") == 1
-    assert "compiling B-spline kernels" in first.stderr
+    assert "compiling kernels" in first.stderr
     assert run(code, NUMBA_CACHE_DIR=str(tmp_path)).stderr == ""
