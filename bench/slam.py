@@ -74,7 +74,7 @@ def build(registry: Registry, plugin: str, **keys: Any) -> tuple[Any, Bench]:
 def run(log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int) -> dict[str, Any]:
     registry = Registry(third_parties=False)
     driver, _ = build(registry, "carmen", path=str(log), **settings.get("log", {}))
-    prior, _ = build(registry, "ekf", **{"gate": 0, **settings.get("prior", {})})
+    prior, _ = build(registry, "ekf", **settings.get("prior", {}))
     chart, chart_context = build(registry, "spline-surface", **settings.get("map", {}))
     localizer, context = build(registry, "gauss-newton", **settings.get("localizer", {}))
     context.uses = {"map": chart, "prior": prior}

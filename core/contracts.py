@@ -126,7 +126,11 @@ class Alignment(ABC):
 
     @abstractmethod
     def normal_equations(self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> NormalEquations:
-        """Return H, g and cost at `pose` (3,) in one pass."""
+        """Return H, g and cost at `pose` (3,) in one pass.
+
+        H and g may leave out directions in which a beam knows nothing (along the wall it hit), though the
+        cost varies there.
+        """
 
     @abstractmethod
     def costs(self, poses: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> F64:

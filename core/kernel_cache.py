@@ -54,7 +54,7 @@ class _Announcement(event.Listener):
         if not self.done and event.data["dispatcher"].py_func.__module__.startswith(_PACKAGE):
             self.done = True
             # Without a logging configuration this goes to stderr as it is.
-            _log.warning("compiling kernels for this machine: once, up to half a minute (`knotwork warm` does it ahead)")
+            _log.warning("compiling kernels for this machine: once, up to half a minute (ahead: knotwork warm)")
 
     def on_end(self, event: Any) -> None:
         """Nothing to say."""

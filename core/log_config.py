@@ -14,9 +14,7 @@ class LogConfig(PluginConfig):
     strict: bool = Field(False, description="true: a malformed line or a cut file ends the run")
     limit: int = quantity(0, "1", "stop after so many scans; 0: all", ge=0)
     start: float = quantity(0.0, "s", "skip what comes before this time after the log's first stamp", ge=0)
-    stop: float | None = quantity(
-        None, "s", "stop at this time after the log's first stamp; null: never", gt=0
-    )
+    stop: float | None = quantity(None, "s", "stop at this time after the log's first stamp; null: never", gt=0)
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

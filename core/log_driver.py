@@ -102,18 +102,14 @@ class LogDriver(Driver):
             self.context.report("warning", f"{file.path}: {self._malformed} malformed lines skipped in all")
         if file.damage:
             if self.settings.strict:
-                raise DriverError(
-                    file.damage, where=str(file.path), hint="strict: false keeps what could be read"
-                )
+                raise DriverError(file.damage, where=str(file.path), hint="strict: false keeps what could be read")
             self.context.count("damaged_files")
             self.context.report("warning", f"{file.path}: {file.damage}; what came before it was read")
 
     def _unrecognised(self, file: LogFile, written: bool) -> DriverError:
         where = str(file.path)
         if not written and not file.damage:
-            return DriverError(
-                f"the file is empty, expected {self.expected}", where=where, hint="check the path"
-            )
+            return DriverError(f"the file is empty, expected {self.expected}", where=where, hint="check the path")
         found = "".join(f"; {text}" for text in (self.remark, self._first_problem) if text)
         return DriverError(
             f"nothing usable in the file, expected {self.expected}{found}",

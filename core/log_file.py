@@ -43,14 +43,10 @@ class LogFile:
         except FileNotFoundError:
             raise error("no such file", where=str(path), hint="check the path") from None
         except IsADirectoryError:
-            raise error(
-                "is a directory, expected a file", where=str(path), hint="name the file in it"
-            ) from None
+            raise error("is a directory, expected a file", where=str(path), hint="name the file in it") from None
         except (OSError, ValueError) as problem:
             reason = getattr(problem, "strerror", None) or str(problem)
-            raise error(
-                f"cannot be read: {reason}", where=str(path), hint="check the file's permissions"
-            ) from None
+            raise error(f"cannot be read: {reason}", where=str(path), hint="check the file's permissions") from None
 
     def lines(self) -> Iterator[tuple[int, bytes]]:
         """Yield line numbers from 1 and lines without their ends; a line past 1 MiB is cut there.

@@ -82,9 +82,7 @@ class PlaneMap(Map):
         except (KeyError, ValueError, TypeError, IndexError) as error:
             raise InputError(f"is not a whole {self.kind} map ({error})", where=str(path)) from error
 
-    def rasterize(
-        self, resolution: float | None = None
-    ) -> tuple[NDArray[np.int8], float, tuple[float, float, float]]:
+    def rasterize(self, resolution: float | None = None) -> tuple[NDArray[np.int8], float, tuple[float, float, float]]:
         """Return cells, resolution and origin as in `messages.Grid`; occupancy is taken at cell centres.
 
         Cells are as large as the finest level's unless `resolution` [m] is given, but at least 5 cm.
@@ -119,9 +117,7 @@ class PlaneMap(Map):
     def _emit(self, time: int, *, final: bool) -> None:
         with self.context.measure("publish"):
             cells, resolution, origin = self.rasterize()
-        grid = Grid(
-            stamp=time, cells=cells, resolution=resolution, origin=origin, map_bytes=self.nbytes, final=final
-        )
+        grid = Grid(stamp=time, cells=cells, resolution=resolution, origin=origin, map_bytes=self.nbytes, final=final)
         self.context.emit("grid", grid)
 
 

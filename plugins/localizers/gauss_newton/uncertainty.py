@@ -47,6 +47,7 @@ class MapUncertainty:
             range_min=0.0, range_max=2.0,
         )  # fmt: skip
         pose, unit = np.zeros(3), np.eye(3)
+        scan_alone(pose, unit, np.zeros(3), np.eye(3), np.empty((3, 3)), np.empty(3))
         self.follow(scan, pose, unit, unit, unit, unit)
         self.remember(scan, pose)
         self._grow(2048)
@@ -100,8 +101,8 @@ class MapUncertainty:
 @inlined
 def _slot(keys: Array, key: int) -> int:
     """Return where a key is, or the free slot where it belongs."""
-    mask = keys.shape[0] - 1
-    at = (key ^ (key >> 29)) * 0x9E3779B1 & mask
+    mask: int = keys.shape[0] - 1
+    at: int = (key ^ (key >> 29)) * 0x9E3779B1 & mask
     while keys[at] != _FREE and keys[at] != key:
         at = (at + 1) & mask
     return at
@@ -109,7 +110,7 @@ def _slot(keys: Array, key: int) -> int:
 
 @inlined
 def _key(x: float, y: float) -> int:
-    return (int(math.floor(x / _CELL)) << 32) ^ (int(math.floor(y / _CELL)) & 0xFFFFFFFF)
+    return (math.floor(x / _CELL) << 32) ^ (math.floor(y / _CELL) & 0xFFFFFFFF)
 
 
 @kernel
@@ -226,3 +227,41 @@ def _root(P: Array) -> Array:
                 v -= L[i, k] * L[j, k]
             L[i, j] = v / L[j, j]
     return L
+
+
+@kernel
+def scan_alone(pose: Array, H: Array, g: Array, information: Array, covariance: Array, mean: Array) -> None:
+    """Write the covariance (H + information)^-1 (3, 3) and the mean (3,) that the scan alone has.
+
+    Directions of which the scan says nothing get its pose's mean and, without a prior, a large variance.
+    """
+    _invert(H, information, 1e-9, covariance)
+    alone = np.empty((3, 3))
+    _invert(H, np.zeros((3, 3)), 1e-6, alone)
+    for i in range(3):
+        mean[i] = pose[i] - alone[i, 0] * g[0] - alone[i, 1] * g[1] - alone[i, 2] * g[2]
+
+
+@inlined
+def _invert(A: Array, B: Array, ridge: float, out: Array) -> None:
+    """Write (A + B + ridge diag)^-1, by Cholesky."""
+    more = 1.0 + ridge
+    tiny = 1e-6
+    l00 = math.sqrt((A[0, 0] + B[0, 0]) * more + tiny)
+    l10 = (A[1, 0] + B[1, 0]) / l00
+    l20 = (A[2, 0] + B[2, 0]) / l00
+    l11 = math.sqrt(max((A[1, 1] + B[1, 1]) * more + tiny - l10 * l10, tiny))
+    l21 = (A[2, 1] + B[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(max((A[2, 2] + B[2, 2]) * more + tiny - l20 * l20 - l21 * l21, tiny))
+    i00 = 1.0 / l00
+    i11 = 1.0 / l11
+    i22 = 1.0 / l22
+    i10 = -l10 * i00 * i11
+    i21 = -l21 * i11 * i22
+    i20 = (l10 * l21 * i11 - l20) * i00 * i22
+    out[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
+    out[1, 1] = i11 * i11 + i21 * i21
+    out[2, 2] = i22 * i22
+    out[0, 1] = out[1, 0] = i10 * i11 + i20 * i21
+    out[0, 2] = out[2, 0] = i20 * i22
+    out[1, 2] = out[2, 1] = i21 * i22

@@ -1,5 +1,7 @@
 """Map of uniform cubic B-spline surfaces of log-odds, one a level (thesis chapter 7)."""
 
+from pydantic import Field
+
 from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 from knotwork.core.map_config import MapConfig
 
@@ -16,9 +18,13 @@ class SplineSurfaceConfig(MapConfig):
 class SplineSurfaceOptions(PluginConfig):
     """What only this map understands."""
 
-    sigma: float = quantity(0.1, "1", "standard deviation of the residual 1 - s / clamp of a good beam", gt=0)
+    sigma: float = quantity(0.03, "1", "standard deviation of the residual 1 - s / clamp of a good beam", gt=0)
     beams: float = quantity(
         180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
+    )
+    normals: bool = Field(
+        default=True,
+        description="use a beam's gradient across the wall it hit only; false: the whole gradient, as the thesis",
     )
     free_step: float = quantity(3.0, "knot intervals", "distance between free samples along a beam", gt=0)
     margin: float = quantity(0.15, "m", "free samples stop this far before the end of a beam", ge=0)

@@ -46,9 +46,7 @@ class SurfaceAlignment(Alignment):
         self._sigma = sigma
         self._weight = min(1.0, most / self._n) if self._n else 1.0
 
-    def normal_equations(
-        self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0
-    ) -> NormalEquations:
+    def normal_equations(self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> NormalEquations:
         """Return H, g and cost at `pose` (3,) in one pass, (7.22) with the signs of the errata."""
         out = np.empty((4, 3))
         cost, used = kernels.normal_equations(

@@ -57,9 +57,9 @@ class SplineSurface(PlaneMap):
 
     def _aligned(self, beams: Beams) -> SurfaceAlignment:
         config, options = self.config, self.options
-        return SurfaceAlignment(
-            beams, self.surfaces, config.resolution, config.clamp, options.sigma, options.beams
-        )
+        if not options.normals:
+            beams.points[:, 2:] = 0.0
+        return SurfaceAlignment(beams, self.surfaces, config.resolution, config.clamp, options.sigma, options.beams)
 
     def update(self, scan: Scan, pose: F64, alignment: Alignment | None = None, fuse: bool = True) -> None:
         """Fuse `scan` taken at robot `pose` (3,); nothing with `fuse=False` or `fuse: false` in the config."""
@@ -84,7 +84,8 @@ class SplineSurface(PlaneMap):
             while first < 2 * len(rays):
                 first, sample, used = kernels.fuse(
                     *surface.arrays(), step, rays, pose, config.hit, config.free, config.clamp,
-                    config.range_min, options.free_step * step, options.margin, options.free_no_return, first, sample, used,
+                    config.range_min, options.free_step * step, options.margin, options.free_no_return,
+                    first, sample, used,
                 )  # fmt: skip
                 surface.commit(used)
         self._fused += 1

@@ -1,0 +1,85 @@
+"""From coarse to fine, from one start or many."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotwork.core.contracts import Alignment, Map, NormalEquations
+from knotwork.core.geometry import wrap
+from knotwork.core.messages import F64, Scan
+from knotwork.plugins.localizers.gauss_newton.solver import Settings, Solution, prior_cost, solve
+
+_REFINED = 4  # starts that are solved at the coarsest level, the cheapest of all
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Where the descent ended: the pose, the scan's equations there at the finest level, the prepared scan."""
+
+    pose: F64
+    equations: NormalEquations
+    alignment: Alignment
+
+    @property
+    def known(self) -> float:
+        """Share of the beams with a return that met the map, in [0, 1]."""
+        return self.equations.n_used / max(self.equations.n_total, 1)
+
+    def explained(self) -> float:
+        """Return the share of all beams with a return that the map explains, in [0, 1].
+
+        Asked of the second finest level: the finest is too strict by centimetres.
+        """
+        if not self.equations.n_total:
+            return 0.0
+        return self.alignment.inliers(self.pose, max(self.alignment.levels - 2, 0))
+
+    def quality(self) -> float:
+        """Return the share of the beams that met the map which the map explains, in [0, 1]."""
+        return min(1.0, self.explained() / self.known) if self.known else 0.0
+
+
+def descend(
+    chart: Map, scan: Scan, starts: F64, prior: F64, information: F64, twist: F64 | None, settings: Settings
+) -> Found:
+    """Solve from the coarsest level to the finest.
+
+    Parameters
+    ----------
+    starts : shape (k, 3)
+        The cheapest of several are solved at the coarsest level and the best result is taken on.
+    prior, information : shape (3,), (3, 3)
+        The prior's term of the cost. Each finer level starts from the coarser one's result or from the
+        prior, whichever costs less there: a coarse level may slide where a fine one would not.
+    twist
+        For de-skewing; None: not.
+    """
+    loss, scale = settings.loss, settings.scale
+    alignment = chart.alignment(scan, starts[0], twist)
+    solution: Solution | None = None
+    for start in _cheapest(alignment, starts, prior, information, settings):
+        tried = solve(alignment, 0, start, prior, information, settings)
+        if solution is None or tried.cost < solution.cost:
+            solution = tried
+    assert solution is not None
+    if len(starts) > 1:
+        alignment = chart.alignment(scan, solution.pose, twist)
+    both = np.empty((2, 3))
+    both[1] = prior
+    for level in range(1, alignment.levels):
+        both[0] = solution.pose
+        here, there = alignment.costs(both, level, loss, scale).tolist()
+        start = prior if there < here + prior_cost(solution.pose, prior, information) else solution.pose
+        solution = solve(alignment, level, start, prior, information, settings)
+    x, y, yaw = solution.pose.tolist()
+    return Found(np.array([x, y, wrap(yaw)]), solution.equations, alignment)
+
+
+def _cheapest(alignment: Alignment, starts: F64, prior: F64, information: F64, settings: Settings) -> F64:
+    """Return the few starts of lowest cost, the lowest first."""
+    if len(starts) == 1:
+        return starts
+    costs = alignment.costs(starts, 0, settings.loss, settings.scale)
+    for k, start in enumerate(starts):
+        costs[k] += prior_cost(start, prior, information)
+    return starts[np.argsort(costs, kind="stable")[:_REFINED]]

@@ -1,0 +1,66 @@
+"""Finding a lost robot again."""
+
+import math
+
+import numpy as np
+
+from knotwork.core.contracts import Map
+from knotwork.core.geometry import compose, relative
+from knotwork.core.messages import F64, Scan
+from knotwork.plugins.localizers.gauss_newton.descent import Found, descend
+from knotwork.plugins.localizers.gauss_newton.solver import Settings
+from knotwork.plugins.localizers.gauss_newton.starts import around
+
+_NEAR = (0.2, 0.2)  # [m, rad] around a place found once, for the scan that has to confirm it
+_CONFIRMING = 40  # starts there
+_GROWTH = 0.25  # of the first radius, a scan
+_NOTHING = np.zeros((3, 3))
+
+
+class Search:
+    """One search, from the scan that was lost to the two in a row that agree on a place.
+
+    Starts lie in a growing disc, around the prior and around the last believed pose in turn, with all
+    headings. The prior has no weight: it has been wrong.
+
+    Parameters
+    ----------
+    last : shape (3,)
+        The last believed pose.
+    radius
+        Of the first disc and the widest [m].
+    starts
+        In each disc.
+    enough
+        Share of all beams that the map must explain; unknown places do not count as found.
+    """
+
+    def __init__(self, last: F64, radius: tuple[float, float], starts: int, enough: float) -> None:
+        self._last = last
+        self._radius = radius
+        self._starts = starts
+        self._enough = enough
+        self._place: tuple[F64, F64] | None = None  # found once: pose, and the prior of its scan
+        self.scans = 0
+        self.quality = 0.0  # of the last try
+
+    def try_scan(self, chart: Map, scan: Scan, prior: F64, twist: F64 | None, settings: Settings) -> Found | None:
+        """Return where the robot is, once a second scan agrees."""
+        self.scans += 1
+        if self._place is not None:
+            pose, then = self._place
+            moved = np.array(compose(pose.tolist(), relative(then.tolist(), prior.tolist())))
+            found = descend(chart, scan, around(moved, *_NEAR, _CONFIRMING), moved, _NOTHING, twist, settings)
+            self._place = None
+            self.quality = found.explained()
+            if self.quality >= self._enough:
+                return found
+        first, widest = self._radius
+        radius = min(widest, first * (1.0 + _GROWTH * self.scans))
+        centre = prior if self.scans % 2 else self._last
+        starts = around(centre, radius, math.pi, self._starts)
+        found = descend(chart, scan, starts, centre, _NOTHING, twist, settings)
+        self.quality = found.explained()
+        if self.quality >= self._enough:
+            self._place = found.pose, prior
+        return None
