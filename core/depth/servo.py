@@ -61,6 +61,70 @@ def relaxed_bounds(s: F64, rho: F64, v_max: float, w_max: float, bounds: F64) ->
 
 
 @kernel
+def excitation_direction(s: F64, goal: F64, last: F64, direction: F64) -> None:
+    """Write d (2,): the direction of the last lateral velocity `last` (2,), at the start that of the mean error."""
+    x, y = last[0], last[1]
+    if x == 0.0 and y == 0.0:
+        for i in range(s.shape[0]):
+            x += s[i, 0] - goal[i, 0]
+            y += s[i, 1] - goal[i, 1]
+    size = math.sqrt(x * x + y * y)
+    if size < 1e-12:
+        x, y, size = 1.0, 0.0, 1.0
+    direction[0] = x / size
+    direction[1] = y / size
+
+
+@kernel
+def servo_problem(
+    s: F64,
+    chi: F64,
+    goal: F64,
+    rho: F64,
+    released: F64,
+    lateral: F64,
+    gain: float,
+    v_max: float,
+    w_max: float,
+    beta: float,
+    hessian: F64,
+    gradient: F64,
+    bounds: F64,
+    direction: F64,
+) -> tuple[float, float, float]:
+    """Set up the controller's program for the points in view.
+
+    Parameters
+    ----------
+    s, chi, goal, rho
+        Image points (n, 2), inverse depths (n,), goal points (n, 2), certainty (n,).
+    released
+        1 for each point (n,) that has once been certain (rho = 1): a latch, updated here.
+    lateral
+        Lateral velocity (2,) of the last command; sets d.
+    gain, v_max, w_max, beta
+        lambda [1/s], radii [m/s, rad/s], share of v_max that condition 3 asks for (negative: no such row).
+    hessian, gradient, bounds, direction
+        Outputs (6, 6), (6,), (n,), (2,).
+
+    Returns
+    -------
+    error, v_z_bound, least
+        Norm of the stacked error, c, and beta if a point is not released yet, else -1.
+    """
+    error = servo_terms(s, chi, goal, gain, hessian, gradient)
+    v_z_bound = relaxed_bounds(s, rho, v_max, w_max, bounds)
+    excitation_direction(s, goal, lateral, direction)
+    least = -1.0
+    for i in range(rho.shape[0]):
+        if rho[i] >= 1.0:
+            released[i] = 1.0
+        if released[i] == 0.0:
+            least = beta
+    return error, v_z_bound, least
+
+
+@kernel
 def _cholesky_solve(matrix: F64, rhs: F64, n: int) -> bool:
     """Solve in place for a symmetric positive definite matrix; False if it is not."""
     for j in range(n):
@@ -255,18 +319,3 @@ def solve_cone(
             dual[i] += length * d_dual[i]
     u[:] = 0.0
     return False
-
-
-@kernel
-def excitation_direction(s: F64, goal: F64, last: F64, direction: F64) -> None:
-    """Write d (2,): the direction of the last lateral velocity `last` (2,), at the start that of the mean error."""
-    x, y = last[0], last[1]
-    if x == 0.0 and y == 0.0:
-        for i in range(s.shape[0]):
-            x += s[i, 0] - goal[i, 0]
-            y += s[i, 1] - goal[i, 1]
-    size = math.sqrt(x * x + y * y)
-    if size < 1e-12:
-        x, y, size = 1.0, 0.0, 1.0
-    direction[0] = x / size
-    direction[1] = y / size
