@@ -28,6 +28,7 @@ class LogDriver(Driver):
         self.settings: LogConfig = context.config
         self.scan_id = 0  # of the next scan
         self._malformed = 0
+        self.remark = ""  # what a driver has to say when the log gives no scan
         self._first_problem = ""
         self._file: LogFile | None = None
 
@@ -68,7 +69,7 @@ class LogDriver(Driver):
                 first = latest = messages[0][1].stamp
             for port, message in messages:
                 latest = max(latest, message.stamp)  # stamps may run backwards; the window must not flicker
-                elapsed = (latest - first) * 1e-9
+                elapsed = (latest - first) / 1e9
                 if self.settings.stop is not None and elapsed > self.settings.stop:
                     self._finish(file)
                     return
@@ -83,7 +84,8 @@ class LogDriver(Driver):
         if not recognised:
             raise self._unrecognised(file, written)
         if not self.scan_id:
-            self.context.report("warning", f"{file.path}: no scan in the part of the log that was read")
+            text = f"{file.path}: no scan in the part of the log that was read"
+            self.context.report("warning", f"{text}; {self.remark}" if self.remark else text)
 
     def _bad(self, number: int, reason: str) -> None:
         where = f"{self.settings.path}:{number}"
@@ -112,7 +114,7 @@ class LogDriver(Driver):
             return DriverError(
                 f"the file is empty, expected {self.expected}", where=where, hint="check the path"
             )
-        found = f"; {self._first_problem}" if self._first_problem else ""
+        found = "".join(f"; {text}" for text in (self.remark, self._first_problem) if text)
         return DriverError(
             f"nothing usable in the file, expected {self.expected}{found}",
             where=where,

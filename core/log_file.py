@@ -37,7 +37,7 @@ class LogFile:
             self._raw = self.path.open("rb")
             try:
                 self._stream = _unpacked(self._raw)
-            except _DAMAGE:
+            except OSError:
                 self._raw.close()
                 raise
         except FileNotFoundError:

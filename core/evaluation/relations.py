@@ -17,8 +17,8 @@ from knotwork.core.evaluation.table import read_table
 from knotwork.core.evaluation.tum import StampedPoses
 from knotwork.core.messages import F64, I64
 
-SHORT = 10.0  # s
-LONG = 60.0  # s
+SHORT = 10 * 10**9  # ns; compared as integers, 60 s are not more than 60 s
+LONG = 60 * 10**9  # ns
 TOLERANCE = 1e-4  # s
 
 
@@ -85,7 +85,7 @@ def score_relations(
     error = relative(relations.poses, estimated)
     trans = np.hypot(error[:, 0], error[:, 1])
     rot = np.degrees(np.abs(error[:, 2]))
-    apart = np.abs(relations.second - relations.first) * 1e-9
+    apart = np.abs(relations.second - relations.first)
     result = _figures(trans, rot, used, np.ones_like(used))
     result["short"] = _figures(trans, rot, used, apart < SHORT)
     result["long"] = _figures(trans, rot, used, apart > LONG)

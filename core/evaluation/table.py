@@ -9,7 +9,6 @@ from knotwork.core.log_file import LogFile
 from knotwork.core.messages import F64, I64
 from knotwork.core.stamps import parse_seconds
 
-
 _LIMIT = 1e9  # metres; keeps squares and differences finite
 
 

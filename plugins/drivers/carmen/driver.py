@@ -53,6 +53,8 @@ class CarmenDriver(LogDriver):
                 return messages
             if keyword == self._laser:
                 return self._scan(keyword, fields)
+            name = keyword.decode()
+            self.remark = f"it has {name} lines, set laser: {name} to use them"
         elif not (keyword.isascii() and keyword.isupper()) or _cut(keyword):
             raise ValueError(f"{_shown(keyword)} is no CARMEN message")
         self.context.count("other_lines")

@@ -26,7 +26,7 @@ class MinesroverConfig(LogConfig):
     angle_increment: float = quantity(math.radians(240.0 / 681.0), "rad", "angle between beams", gt=0)
     margin: int = quantity(70, "1", "beams disregarded (NaN) at either end", ge=0, le=340)
     range_min: float = quantity(0.02, "m", "shorter readings are invalid (NaN)", ge=0)
-    range_max: float = quantity(4.0, "m", "longer readings are no return (inf); the nominal range", gt=0, le=1e6)
+    range_max: float = quantity(4.0, "m", "longer readings are no return (inf)", gt=0, le=1e6)
     zero: Literal["no-return", "invalid"] = Field("no-return", description="what a reading of 0 means")
 
 

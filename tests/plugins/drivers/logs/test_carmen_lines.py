@@ -163,6 +163,13 @@ def test_the_same_scan_in_two_formats_is_given_once_and_the_rear_laser_on_reques
     assert scans(read(text, laser="ROBOTLASER1")[0])[0].angle_min == -1.0
 
 
+def test_a_log_of_another_laser_says_which_key_to_set(read):
+    _, context = read(flaser(keyword="RLASER"), error=DriverError)
+    assert "set laser: RLASER" in context.error
+    _, context = read(ODOM + "\n" + flaser(keyword="RLASER"))
+    assert "set laser: RLASER" in context.reports[-1][1]
+
+
 def test_log_order_is_kept_where_stamps_run_backwards(read):
     stamps = ["5.0", "4.0", "6.0", "3.0"]
     events, _ = read("\n".join(flaser(stamp=stamp) for stamp in stamps))
