@@ -281,7 +281,9 @@ def solve_cone(
         length = 1.0
         for phase in range(2):
             for i in range(m):
-                push[i] = (centre - d_slack[i] * d_dual[i] * phase) / slack[i] - dual[i] + dual[i] * primal[i] / slack[i]
+                push[i] = (
+                    (centre - d_slack[i] * d_dual[i] * phase) / slack[i] - dual[i] + dual[i] * primal[i] / slack[i]
+                )
             for a in range(6):
                 step[a] = -residual[a]
                 for i in range(m):

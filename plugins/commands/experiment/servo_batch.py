@@ -118,11 +118,34 @@ def run_servo(
         rigid_step(u[:3], u[3:], h, rotation, shift)  # what the observer believes
         if estimator == FIXED_GAIN:
             fixed_gain_step(
-                s_hat, chi, before, measured, known * seen[k], u[:3], u[3:], rotation, shift, h, gains[0], gains[1], gains[2]
+                s_hat,
+                chi,
+                before,
+                measured,
+                known * seen[k],
+                u[:3],
+                u[3:],
+                rotation,
+                shift,
+                h,
+                gains[0],
+                gains[1],
+                gains[2],
             )
             uncertainty_step(memory, count, measured, s_hat, known * seen[k], energy)
         elif estimator == EKF and k > 0:
-            ekf_step(state, covariance, measured, known * seen[k], rotation, shift, h, filter_sd[0], filter_sd[2], filter_sd[3])
+            ekf_step(
+                state,
+                covariance,
+                measured,
+                known * seen[k],
+                rotation,
+                shift,
+                h,
+                filter_sd[0],
+                filter_sd[2],
+                filter_sd[3],
+            )
         for i in range(n):
             if known[i] == 0.0 and seen[k, i] != 0.0:
                 known[i] = 1.0

@@ -8,7 +8,23 @@ from knotwork.core.depth.single_point import circle_goal, single_point_command
 from knotwork.core.kernel import kernel
 from knotwork.core.messages import F64
 
-COLUMNS = ("time", "x", "y", "goal_x", "goal_y", "error", "chi", "chi_hat", "sigma2", "J_l w", "v_x", "v_y", "w_x", "w_y", "w_z")
+COLUMNS = (
+    "time",
+    "x",
+    "y",
+    "goal_x",
+    "goal_y",
+    "error",
+    "chi",
+    "chi_hat",
+    "sigma2",
+    "J_l w",
+    "v_x",
+    "v_y",
+    "w_x",
+    "w_y",
+    "w_z",
+)
 
 
 @kernel
