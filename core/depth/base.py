@@ -18,7 +18,46 @@ from knotwork.core.messages import F64
 
 _STEPS = 15  # Gauss-Newton steps of the goal pose; 3 to 5 are usual
 _K_RHO, _K_ALPHA, _K_BETA = 1.0, 3.0, -1.0  # stable for K_RHO > 0, K_BETA < 0, K_ALPHA > K_RHO
-_HERE = 0.004  # m; nearer than this the direction of the goal means nothing, only its heading
+_HERE = 0.03  # m; nearer than this the direction of the goal is mostly noise: only its distance and heading count
+
+
+@kernel
+def backing_up(
+    time: float, way: float, certain: bool, back: float, pause: float, stride: float, stopped: float
+) -> float:
+    """Decide about the way back: 1 go on backwards, 0 stand, -1 it is over.
+
+    The base stands for `pause` seconds before and, if a depth is still uncertain, after the way: the image
+    at both ends of the baseline is then a mean of many frames.
+
+    Parameters
+    ----------
+    time
+        Since the first frame [s].
+    way, back, stride
+        Metres gone back, metres allowed, metres of one more step.
+    certain
+        All depths are good.
+    stopped
+        When the base stopped at the end of the way [s]; negative before.
+    """
+    if way == 0.0 and time < pause - 1e-9:
+        return 0.0
+    if certain and way > 0.0:
+        return -1.0
+    if way + stride <= back + 1e-9:
+        return 1.0
+    return 0.0 if stopped < 0.0 or time - stopped < pause - 1e-9 else -1.0
+
+
+@kernel
+def swing_rate(way: float, back: float, swing: float, v: float) -> float:
+    """Return the yaw rate [rad/s] that swings the heading by `swing` [rad] to both sides along the way back.
+
+    The camera ahead of the axle then also moves sideways, which shows the depth of points in the middle
+    of the image; backing up straight does not.
+    """
+    return swing * 2.0 * math.pi / back * v * math.cos(2.0 * math.pi * way / back) if back > 0.0 else 0.0
 
 
 @kernel

@@ -16,6 +16,8 @@ class Config(PluginConfig):
     w_max: float = quantity(1.0, "rad/s", "largest yaw rate", gt=0)
     gain: float = quantity(1.0, "1", "of the drive to the goal pose", gt=0)
     back: float = quantity(0.3, "m", "longest way back", ge=0)
+    pause: float = quantity(0.5, "s", "standing before the way back and, with a depth still uncertain, after it", ge=0)
+    swing: float = quantity(0.2, "rad", "of the heading to both sides on the way back: shows points ahead", ge=0)
     deviation: float = quantity(
         0.015, "1", "depths are good when the relative standard deviation of each is below this", gt=0
     )

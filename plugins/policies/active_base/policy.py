@@ -1,11 +1,11 @@
-"""Back up straight (conditions 1 to 3 of Theorem 8.2 for two inputs), localise the goal, drive there."""
+"""Back up (conditions 1 and 3 of Theorem 8.2 for two inputs), localise the goal, drive there."""
 
 import math
 
 import numpy as np
 
 from knotwork.core.contracts import Context, Policy
-from knotwork.core.depth.base import drive_to, goal_pose, move_goal
+from knotwork.core.depth.base import backing_up, drive_to, goal_pose, move_goal, swing_rate
 from knotwork.core.errors import InputError
 from knotwork.core.messages import F64, Depths, ServoState, Twist
 from knotwork.plugins.policies.active_base import Config
@@ -26,12 +26,16 @@ class ActiveBase(Policy):
         self._known = False
         self._command = np.zeros(2)
         self._way = 0.0
+        self._begun = 0.0
+        self._stopped = -1.0
         self._last: int | None = None
 
     def warm(self) -> None:
         """Compile the kernels."""
         s = np.array(((0.1, 0.1), (-0.1, 0.1), (0.1, -0.1)))
         goal_pose(s, np.ones(3), s.copy(), 0.0, np.zeros(3))
+        backing_up(0.0, 0.0, False, 1.0, 0.0, 0.1, -1.0)
+        swing_rate(0.0, 1.0, 0.1, 0.1)
         move_goal(np.zeros(3), 0.0, 0.0, 0.0)
         drive_to(np.ones(3), 1.0, 1.0, 1.0, np.zeros(2))
 
@@ -46,7 +50,7 @@ class ActiveBase(Policy):
         self._last = message.stamp
         v, w = self._command.tolist()
         move_goal(self._pose, v, w, step)
-        self._way += abs(v) * step if self._phase == BACKING else 0.0
+        self._way += max(0.0, -v) * step if self._phase == BACKING else 0.0
         usable = np.isfinite(message.chi) & (message.chi > 0.0)
         chosen = [i for i, name in enumerate(message.ids.tolist()) if name in config.goal and usable[i]]
         ids = message.ids[chosen]
@@ -57,23 +61,35 @@ class ActiveBase(Policy):
         if message.variance is not None:
             certain = np.minimum(1.0, config.deviation * chi / np.sqrt(message.variance[chosen]))
         if self._phase == BACKING:
-            good = len(chosen) > 0 and bool((certain >= 1.0).all())
-            if good or self._way + config.v_max * step > config.back:
-                self._phase = DRIVING
-                self.context.report("info", f"depths {'good' if good else 'not good'} after {self._way:.2f} m back")
-        if self._phase == BACKING:
-            if len(chosen) == 0:
-                self.context.count("no_features")
-            self._command[:] = (-config.v_max if len(chosen) else 0.0, 0.0)
-        else:
+            self._back_up(step, len(chosen) > 0, bool((certain >= 1.0).all()))
+        if self._phase != BACKING:
             self._drive(s, chi, goal, error)
         v, w = self._command.tolist()
         self.context.emit("twist", Twist(stamp=self.context.now(), vx=v, wz=w))
         state = ServoState(
             stamp=message.stamp, phase=self._phase, error=error, ids=ids, certainty=certain,
-            exciting=self._phase == BACKING,
+            exciting=bool(self._phase == BACKING and self._command.any()),
         )  # fmt: skip
         self.context.emit("state", state)
+
+    def _back_up(self, step: float, any_seen: bool, certain: bool) -> None:
+        config = self.config
+        self._command[:] = 0.0
+        if not any_seen:
+            self.context.count("no_features")
+            return
+        self._begun += step  # the pause counts frames with features only
+        stride = config.v_max * step
+        moving = backing_up(self._begun, self._way, certain, config.back, config.pause, stride, self._stopped)
+        if moving < 0.0:
+            self._phase = DRIVING
+            which = "all" if certain else "not all"
+            self.context.report("info", f"{which} depths are certain after {self._way:.2f} m back")
+        elif moving > 0.0:
+            rate = swing_rate(self._way + 0.5 * stride, config.back, config.swing, config.v_max)
+            self._command[:] = -config.v_max, min(max(rate, -config.w_max), config.w_max)
+        elif self._way > 0.0 and self._stopped < 0.0:
+            self._stopped = self._begun
 
     def _drive(self, s: F64, chi: F64, goal: F64, error: float) -> None:
         config = self.config

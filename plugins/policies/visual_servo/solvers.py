@@ -65,7 +65,7 @@ def solver(name: str, node: str) -> Solver:
     """
     if name == "compiled":
         return compiled
-    hint = "pip install knotwork[vision], or write solver: compiled"
+    hint = "pip install knotwork[policies], or write solver: compiled"
     try:
         if name == "clarabel":
             return Clarabel()
