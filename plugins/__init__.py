@@ -1,6 +1,7 @@
 """The plugins that ship with Knotwork; each registers as a third party's would, from this table."""
 
 BUILTINS = (
+    "knotwork.plugins.drivers.camera",
     "knotwork.plugins.drivers.carmen",
     "knotwork.plugins.drivers.gazebo_text",
     "knotwork.plugins.drivers.minesrover",

@@ -159,4 +159,5 @@ def drive_to(pose: F64, gain: float, v_max: float, w_max: float, command: F64) -
         v = side * gain * _K_RHO * distance * math.cos(alpha)
         w = gain * (_K_ALPHA * alpha + _K_BETA * beta)
     slow = min(1.0, v_max / max(abs(v), 1e-300), w_max / max(abs(w), 1e-300))
-    command[0], command[1] = slow * v, slow * w
+    command[0] = min(max(slow * v, -v_max), v_max)
+    command[1] = min(max(slow * w, -w_max), w_max)

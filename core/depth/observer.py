@@ -134,7 +134,8 @@ def convergence_conditions(s: F64, v: F64, w: F64, minimum: float) -> np.ndarray
     """
     out = np.empty((len(s), 3), dtype=np.bool_)
     out[:, 0] = v[2] <= 1e-12
-    out[:, 1] = s[:, 1] * w[0] - s[:, 0] * w[1] <= 1e-12
+    # w was chosen for the image of a frame ago, which has moved since.
+    out[:, 1] = s[:, 1] * w[0] - s[:, 0] * w[1] <= 0.02 * np.sqrt(w @ w)
     flow_x, flow_y = s[:, 0] * v[2] - v[0], s[:, 1] * v[2] - v[1]
     out[:, 2] = flow_x * flow_x + flow_y * flow_y >= minimum
     return out

@@ -19,7 +19,8 @@ from knotwork.core.messages import F64
 
 ROW_SLACK = 1e-9  # of w_max |s_i|: gives the cone J_l w <= 0 an inside even where it is the point w = 0
 _ITERATIONS = 60  # a safeguard, 10 to 20 are usual
-_LONGEST = 0.3
+_REDUNDANT = 1.0 - 1e-9
+_LONGEST = 0.3  # radii; a longer step no longer sees the balls as they are
 _GAP, _RESIDUAL, _COARSE = 1e-12, 1e-10, 1e-7
 _LEAST_GAP = 1e-14  # aiming closer than this only loses digits
 _PROXIMAL = 1e-11  # of the largest entry of H: one or two points leave directions that cost nothing
@@ -197,7 +198,8 @@ def solve_cone(
     m = 2
     for i in range(n):
         size = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2)
-        if size > 1e-9:
+        # A bound of w_max |s| or more says nothing that the ball does not say.
+        if size > 1e-9 and bounds[i] < w_max * size * _REDUNDANT:
             normal[m, 3] = rows[i, 1] / size
             normal[m, 4] = -rows[i, 0] / size
             limit[m] = bounds[i] / (w_max * size) + ROW_SLACK
@@ -312,7 +314,6 @@ def solve_cone(
         size = 0.0
         for i in range(2):
             size = max(size, step[3 * i] ** 2 + step[3 * i + 1] ** 2 + step[3 * i + 2] ** 2)
-        # Beyond about a radius a step no longer sees the balls as they are.
         length = min(1.0, 0.99 * length, _LONGEST / math.sqrt(size + 1e-300))
         for a in range(6):
             u[a] += length * step[a]

@@ -37,12 +37,13 @@ class DepthMulti:
         if min(arguments.points) < 4:
             raise InputError(f"expected 4 or more, found {min(arguments.points)}", where="--points")
         out = Path(arguments.out)
+        chosen, wrong, seed, runs_each = arguments.setting, arguments.disturbance, arguments.seed, arguments.runs
         parts = [
-            Part(arguments.setting, arguments.disturbance, mode, n, arguments.seed, first, min(_BLOCK, arguments.runs - first))
+            Part(chosen, wrong, mode, n, seed, first, min(_BLOCK, runs_each - first))
             for mode in arguments.modes
             for n in arguments.points
-            for first in range(0, arguments.runs, _BLOCK)
-        ]  # fmt: skip
+            for first in range(0, runs_each, _BLOCK)
+        ]
         results = run_parts(parts, block, out / "parts", arguments.jobs)
         runs: dict[int, dict[str, list[dict[str, Any]]]] = {
             n: {m: [] for m in arguments.modes} for n in arguments.points
@@ -89,6 +90,7 @@ def summarise(modes: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any
             "ci_high": high,
             "depth_error_median_m": median(depth_errors),
             "extra_time_median_s": median(extra),
+            "failed_solves": sum(run["failed_solves"] for run in runs),
         }
     return out
 

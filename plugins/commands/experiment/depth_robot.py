@@ -74,7 +74,7 @@ def scene(n: int, seed: int, index: int) -> tuple[F64, F64, F64]:
 
 
 def seen_from(points: F64, pose: F64) -> F64:
-    """Return points (n, 3) of the first camera frame in that of a base at `pose` (x, y, yaw) of the first base frame."""
+    """Return points (n, 3) of the first camera frame as the camera of a base at `pose` (x, y, yaw) has them."""
     x, y = points[:, 2] + OFFSET - pose[0], -points[:, 0] - pose[1]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return np.column_stack((s * x - c * y, points[:, 1], c * x + s * y - OFFSET))
@@ -86,8 +86,8 @@ def trace(n: int, seed: int, index: int) -> tuple[float, F64, F64, F64]:
     noise = NOISE * generator(1000003 * seed + index, "image").normal(size=(STEPS + 1, n, 2))
     errors, depth_errors, poses = np.empty(STEPS + 1), np.full(STEPS + 1, np.inf), np.zeros((STEPS + 1, 3))
     way = run_base(
-        points, goal, guess, np.array((NOISE, 3.0, 1e-4, 0.0)), OFFSET, np.array((V_MAX, W_MAX)), BACK, PAUSE, SWING, DEVIATION,
-        STEP, noise, np.array((0.7, 0.5)), errors, depth_errors, poses,
+        points, goal, guess, np.array((NOISE, 3.0, 1e-4, 0.0)), OFFSET, np.array((V_MAX, W_MAX)), BACK, PAUSE,
+        SWING, DEVIATION, STEP, noise, np.array((0.7, 0.5)), errors, depth_errors, poses,
     )  # fmt: skip
     return way, errors, depth_errors, poses
 

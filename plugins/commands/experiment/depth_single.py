@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ class DepthSingle:
 
 def _still(out: Path, runs: dict[str, dict[str, F64]]) -> None:
     figure, axes = figures.subplots(2, 2, figsize=(10, 6.5))
-    panels = (
+    panels: tuple[tuple[str, Callable[[dict[str, F64]], F64], float], ...] = (
         ("error of inverse depth [1/m]", lambda r: r["chi"] - r["chi_hat"], 3.0),
         ("image error", lambda r: r["error"], 10.0),
         ("sigma² [m²/s²]", lambda r: r["sigma2"], 10.0),

@@ -62,7 +62,7 @@ def run_servo(
     twist_scale, twist_noise
         The camera moves with `twist_scale` (6,) times the command plus `twist_noise`.
     errors, phases, chi_error, path
-        Outputs, each frame's |e| without noise (K+1,), phase (K+1,), estimate minus truth (K+1, n) [1/m],
+        Outputs, each frame's |e| without noise (K+1,), phase (K+1,; 0: no answer, a stop), estimate minus truth (K+1, n) [1/m],
         camera pose: position and rotation row by row (K+1, 12), in the first camera frame.
 
     Returns
@@ -177,9 +177,11 @@ def run_servo(
             released[view] = mine
             phases[k] = 1.0 if rho[view].max() == 0.0 else (3.0 if rho[view].min() == 1.0 else 2.0)
             rows = s if constrained else s[:0]
-            solve_cone(
+            solved = solve_cone(
                 hessian, gradient, rows, bounds[: rows.shape[0]], v_z_bound if constrained else np.inf,
                 direction, least, limits[0], limits[1], u,
             )  # fmt: skip
+            if not solved:
+                phases[k] = 0.0
         lateral[0], lateral[1] = u[0], u[1]
     return True

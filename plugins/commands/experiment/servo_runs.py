@@ -128,6 +128,7 @@ def judge(scene: Scenario, run: Trace) -> dict[str, Any]:
         "depth_error_m": depth_error,
         "error": float(run.errors[-1]) if run.whole else None,
         "phase": int(run.phases[-1]),
+        "failed_solves": int((run.phases == 0.0).sum()) if run.whole else 0,
         "speed": float(np.linalg.norm(run.path[-1, :3] - run.path[-21, :3])),
     }
 

@@ -84,7 +84,8 @@ class SimCamera(Driver):
         self._command, self._command_stamp = command, stamp
 
     def _move(self, start: int, end: int) -> F64:
-        if self._command_stamp is not None and (start - self._command_stamp) * 1e-9 > self.config.command_timeout:
+        oldest = start - round(self.config.command_timeout * 1e9)
+        if self._command_stamp is not None and self._command_stamp < oldest:
             self.context.count("command_timeouts")
             self._command = np.zeros(6)
             self._command_stamp = None

@@ -51,10 +51,10 @@ class SinglePoint(Policy):
         self._aim((message.stamp - self._start) * 1e-9)
         ex, ey = x - self._goal[0], y - self._goal[1]
         ahead = 1.0 if config.feed_forward else 0.0
+        px, py = ahead * self._rate[0] - config.gain * ex, ahead * self._rate[1] - config.gain * ey
         u = np.zeros(6)
         share = single_point_command(
-            self._variant, x, y, chi, ahead * self._rate[0] - config.gain * ex, ahead * self._rate[1] - config.gain * ey,
-            config.v_max, config.w_max, self._memory, u,
+            self._variant, x, y, chi, px, py, config.v_max, config.w_max, self._memory, u
         )  # fmt: skip
         self.context.emit("twist", CameraTwist(stamp=self.context.now(), v=u[:3], w=u[3:]))
         state = ServoState(

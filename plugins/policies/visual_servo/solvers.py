@@ -121,6 +121,8 @@ class TangentCuts:
             found = ", ".join(self._module.available_solvers) or "none"
             raise ValueError(f"qpsolvers has no solver {name!r} here; it has: {found}")
         self._name = name
+        takes_sparse = name in self._module.sparse_solvers
+        self._matrix: Any = import_module("scipy.sparse").csc_matrix if takes_sparse else np.asarray
         self._options = {"eps_abs": 1e-8, "eps_rel": 1e-8, "max_iter": 20000} if name == "osqp" else {}
 
     def __call__(self, program: Program) -> F64 | None:
@@ -131,21 +133,27 @@ class TangentCuts:
         planes, limits = program.planes()
         ones = np.ones(6)
         for _ in range(_CUTS):
-            u = self._module.solve_qp(
-                hessian, gradient / size, planes if len(limits) else None, limits if len(limits) else None,
-                lb=-ones, ub=ones, solver=self._name, **self._options,
-            )  # fmt: skip
-            if u is None or not np.isfinite(u).all():
+            part = self._module.Problem(
+                self._matrix(hessian),
+                gradient / size,
+                self._matrix(planes) if len(limits) else None,
+                limits if len(limits) else None,
+                lb=-ones,
+                ub=ones,
+            )
+            solution = self._module.solve_problem(part, solver=self._name, **self._options)
+            if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
                 return None
+            u = np.asarray(solution.x, dtype=np.float64)
             cuts = []
             for first in (0, 3):
-                part = np.zeros(6)
-                part[first : first + 3] = u[first : first + 3]
-                length = float(np.linalg.norm(part))
+                tangent = np.zeros(6)
+                tangent[first : first + 3] = u[first : first + 3]
+                length = float(np.linalg.norm(tangent))
                 if length > 1.0 + _TIGHT:
-                    cuts.append(part / length)
+                    cuts.append(tangent / length)
             if not cuts:
-                return np.asarray(u, dtype=np.float64)
+                return u
             planes = np.vstack((planes, *cuts))
             limits = np.concatenate((limits, np.ones(len(cuts))))
         return None
