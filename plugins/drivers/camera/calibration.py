@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import yaml
 
 from knotwork.core.camera import Pinhole
 from knotwork.core.errors import InputError
+from knotwork.core.messages import F64
 
 _HINT = "a calibration file has the lines fx: 500, fy: 500, cx: 320, cy: 240 and may have distortion: [k1, k2, p1, p2]"
 _LENGTHS = (4, 5, 8, 12, 14)  # what OpenCV takes
@@ -20,6 +23,16 @@ class Calibration:
 
     pinhole: Pinhole
     distortion: tuple[float, ...]
+
+    def normalised(self, pixels: F64) -> F64:
+        """Return normalised coordinates (n, 2) of pixels (n, 2), the lens taken out."""
+        pinhole = self.pinhole
+        if not len(pixels) or not self.distortion:
+            return pinhole.normalised(pixels)
+        matrix = np.array(((pinhole.fx, 0.0, pinhole.cx), (0.0, pinhole.fy, pinhole.cy), (0.0, 0.0, 1.0)))
+        straight: Any = cv2.undistortPoints(pixels[:, None], matrix, np.array(self.distortion))
+        out: F64 = straight[:, 0].astype(np.float64)
+        return out
 
 
 def read_calibration(path: Path) -> Calibration:

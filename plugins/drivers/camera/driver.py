@@ -1,4 +1,4 @@
-"""The camera as a pulled driver: pictures in, tracked points out."""
+"""Files as a pulled driver: pictures in, tracked points out."""
 
 from collections.abc import Iterator
 from itertools import count
@@ -10,7 +10,7 @@ import numpy as np
 
 from knotwork.core.contracts import Context, Driver
 from knotwork.core.errors import DriverError
-from knotwork.core.messages import F64, Features, Message
+from knotwork.core.messages import Features, Message
 from knotwork.plugins.drivers.camera import Config
 from knotwork.plugins.drivers.camera.calibration import read_calibration
 from knotwork.plugins.drivers.camera.tracker import Picture, Tracker
@@ -19,7 +19,7 @@ _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm")
 
 
 class Camera(Driver):
-    """Frame k of a file is stamped k / rate; a camera's frames are stamped by its driver's clock."""
+    """Frame k is stamped k / rate."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -32,7 +32,7 @@ class Camera(Driver):
         self._total = 0
 
     def open(self) -> None:
-        """Find the images, or open the video or the device.
+        """Find the images, or open the video.
 
         Raises
         ------
@@ -40,32 +40,32 @@ class Camera(Driver):
             There is nothing to see.
         """
         source = self.config.source
-        if isinstance(source, Path) and source.is_dir():
+        if source.is_dir():
             self._files = sorted(p for p in source.iterdir() if p.suffix.lower() in _IMAGES)
             self._total = len(self._files)
             if not self._files:
                 raise DriverError("no images in the folder", where=str(source), hint=f"expected {', '.join(_IMAGES)}")
             return
-        if isinstance(source, Path) and not source.is_file():
+        if not source.is_file():
             raise DriverError("no such video file or folder of images", where=str(source))
-        self._capture = cv2.VideoCapture(source if isinstance(source, int) else str(source))
+        self._capture = cv2.VideoCapture(str(source))
         if not self._capture.isOpened():
-            raise DriverError("cannot open the camera or video", where=str(source))
-        self._total = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)) if isinstance(source, Path) else 0
+            raise DriverError("cannot open the video", where=str(source))
+        self._total = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
 
     def events(self) -> Iterator[tuple[str, Message] | int]:
         """Yield the points of each picture."""
         for k, (stamp, picture) in enumerate(self._pictures()):
             self._done = k + 1
             ids, pixels = self._tracker.follow(picture)
-            yield "features", Features(stamp=stamp, ids=ids, points=self._normalised(pixels))
+            yield "features", Features(stamp=stamp, ids=ids, points=self.calibration.normalised(pixels))
 
     def progress(self) -> float | None:
         """Return the share of the pictures that has been given."""
         return min(1.0, self._done / self._total) if self._total > 0 else None
 
     def close(self) -> None:
-        """Release the device."""
+        """Release the file."""
         if self._capture is not None:
             self._capture.release()
 
@@ -87,15 +87,4 @@ class Camera(Driver):
             if not there:
                 return
             grey: Any = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-            milliseconds = float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
-            live = isinstance(self.config.source, int) and milliseconds > 0.0
-            yield round(milliseconds * 1e6) if live else round(k * 1e9 / rate), grey
-
-    def _normalised(self, pixels: F64) -> F64:
-        pinhole, lens = self.calibration.pinhole, self.calibration.distortion
-        if not len(pixels) or not lens:
-            return pinhole.normalised(pixels)
-        matrix = np.array(((pinhole.fx, 0.0, pinhole.cx), (0.0, pinhole.fy, pinhole.cy), (0.0, 0.0, 1.0)))
-        straight: Any = cv2.undistortPoints(pixels[:, None], matrix, np.array(lens))
-        out: F64 = straight[:, 0].astype(np.float64)
-        return out
+            yield round(k * 1e9 / rate), grey

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotwork.core.messages import F64, I64
-from knotwork.plugins.drivers.camera import Config
+from knotwork.plugins.drivers.camera import Tracking
 
 Picture = NDArray[np.uint8]
 
@@ -15,7 +15,7 @@ Picture = NDArray[np.uint8]
 class Tracker:
     """Follows up to `features` corners; lost ones are replaced by new corners elsewhere."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Tracking) -> None:
         self._config = config
         self._last: Picture | None = None
         self._points = np.empty((0, 2), dtype=np.float32)

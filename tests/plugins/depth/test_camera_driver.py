@@ -1,4 +1,5 @@
 import itertools
+import threading
 
 import numpy as np
 import pytest
@@ -6,9 +7,11 @@ import pytest
 cv2 = pytest.importorskip("cv2")
 
 from knotwork.core.errors import DriverError, InputError  # noqa: E402
-from knotwork.plugins.drivers.camera import Config  # noqa: E402
+from knotwork.plugins.drivers.camera import Config, LiveConfig  # noqa: E402
+from knotwork.plugins.drivers.camera import live as live_module  # noqa: E402
 from knotwork.plugins.drivers.camera.calibration import read_calibration  # noqa: E402
 from knotwork.plugins.drivers.camera.driver import Camera  # noqa: E402
+from knotwork.plugins.drivers.camera.live import LiveCamera  # noqa: E402
 
 GOOD = "fx: 300\nfy: 310\ncx: 160\ncy: 120\n"
 SHIFT = (1.5, -0.75)  # px a frame
@@ -122,3 +125,63 @@ def test_sources_that_are_not_there(context, folder):
             frames(context, folder, source=folder / name)
     with pytest.raises(InputError, match="cannot read"):
         frames(context, folder, calibration=folder / "none.yaml")
+
+
+def test_a_live_camera_pushes_and_comes_back_after_it_was_unplugged(context, folder, texture, monkeypatch):
+    opened = []
+
+    class Device:
+        """Gives five pictures, then is unplugged; the second time it is not there."""
+
+        def __init__(self, number):
+            opened.append(number)
+            self.k = 0
+
+        def isOpened(self):
+            return len(opened) != 2
+
+        def set(self, key, value):
+            pass
+
+        def read(self):
+            self.k += 1
+            return self.k <= 5, picture(texture, self.k)
+
+        def release(self):
+            pass
+
+    monkeypatch.setattr(live_module.cv2, "VideoCapture", Device)
+    monkeypatch.setattr(live_module, "_AGAIN", 0.01)
+    node = LiveCamera(context(LiveConfig(calibration=folder / "camera.yaml", device=3, size=(320, 240), rate=30)))
+    node.open()
+    got = threading.Event()
+    emit = node.context.emit
+
+    def take(port, message):
+        emit(port, message)
+        if len(node.context.emitted) == 10:
+            got.set()
+
+    node.context.emit = take
+    node.start()
+    assert got.wait(30)
+    node.stop()
+    node.close()
+    stamps = [message.stamp for _, message in node.context.emitted]
+    assert stamps == sorted(stamps)
+    assert opened[:3] == [3, 3, 3]
+    assert node.context.counts["lost_camera"] >= 1
+
+
+def test_a_live_camera_that_is_not_there(context, folder, monkeypatch):
+    class Nothing:
+        def __init__(self, number):
+            pass
+
+        def isOpened(self):
+            return False
+
+    monkeypatch.setattr(live_module.cv2, "VideoCapture", Nothing)
+    node = LiveCamera(context(LiveConfig(calibration=folder / "camera.yaml")))
+    with pytest.raises(DriverError, match="cannot open the camera"):
+        node.open()
