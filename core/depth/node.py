@@ -1,5 +1,6 @@
 """What every depth observer does around its formulas: clean input, motion between frames, coming and going."""
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotwork.core import geometry
-from knotwork.core.camera import excitation, rigid_step
+from knotwork.core.camera import rigid_step
 from knotwork.core.contracts import Context, Observer
 from knotwork.core.depth.config import DepthObserverConfig
 from knotwork.core.depth.observer import CHI_MAX, CHI_MIN, convergence_conditions
@@ -81,10 +82,14 @@ class DepthObserver(Observer):
             self.tracks.clear()
         self._stamp = message.stamp
         self._motion(step)
+        sigma2, conditions = np.empty(ids.size), np.empty((ids.size, 3), dtype=np.bool_)
+        convergence_conditions(points, self.v, self.w, self.settings.excitation, sigma2, conditions)
         rows, seen, fresh = self.tracks.match(ids, step)
         if self.tracks.ids.size and step > 0.0:
-            measured = np.zeros((self.tracks.ids.size, 2))
-            measured[rows] = points
+            measured = points
+            if rows.size != self.tracks.ids.size or fresh.size or not self.tracks.same:
+                measured = np.zeros((self.tracks.ids.size, 2))
+                measured[rows] = points
             self.advance(measured, seen, step)
         if fresh.size:
             new = np.isin(rows, fresh)
@@ -96,8 +101,8 @@ class DepthObserver(Observer):
                 stamp=message.stamp,
                 ids=ids,
                 points=points,
-                sigma2=excitation(points, self.v),
-                conditions=convergence_conditions(points, self.v, self.w, self.settings.excitation),
+                sigma2=sigma2,
+                conditions=conditions,
                 chi=known.chi,
                 variance=known.variance,
                 uncertainty=known.uncertainty,
@@ -107,6 +112,8 @@ class DepthObserver(Observer):
     def _clean(self, message: Features) -> tuple[NDArray[np.int64], F64]:
         ids = np.asarray(message.ids, dtype=np.int64).reshape(-1)
         points = np.asarray(message.points, dtype=np.float64).reshape(-1, 2)
+        if len(ids) == len(points) and np.array_equal(ids, self.tracks.ids) and math.isfinite(points.sum()):
+            return ids, points.copy()  # the usual frame; kernels are compiled for writeable arrays
         if len(ids) != len(points):
             self.context.count("malformed_frames")
             return np.empty(0, dtype=np.int64), np.empty((0, 2))
@@ -114,7 +121,7 @@ class DepthObserver(Observer):
         if self.settings.ignore:
             good &= ~np.isin(ids, self.settings.ignore)
         elif good.all():
-            return ids, points
+            return ids, points.copy()
         self.context.count("skipped_features", int((~good).sum()))
         return ids[good], points[good]
 

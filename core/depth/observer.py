@@ -1,10 +1,13 @@
 """The fixed-gain observer of image position and inverse depth (8.12), its gain (8.34) and certainty (9.41)."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knotwork.core.camera import move_image
 from knotwork.core.kernel import kernel
 from knotwork.core.messages import F64
+
+Flags = NDArray[np.bool_]
 
 CHI_MIN, CHI_MAX = 0.05, 20.0  # 1/m; the estimate is kept in between, so chi <= 0 never occurs
 CRITICAL = 0.0  # as `k_chi`: take the critically damped gain
@@ -127,15 +130,18 @@ def certainty_of_variance(variance: F64, chi: F64, lower: float, upper: float, r
         rho[i] = min(max((upper - relative) / (upper - lower), 0.0), 1.0)
 
 
-def convergence_conditions(s: F64, v: F64, w: F64, minimum: float) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """Return which conditions of Theorem 8.2 hold for each point: (n, 3) bool.
+@kernel
+def convergence_conditions(s: F64, v: F64, w: F64, minimum: float, sigma2: F64, conditions: Flags) -> None:
+    """Write sigma^2 (n,) and which conditions of Theorem 8.2 hold for each point (n, 3).
 
-    The columns: v_z <= 0; J_l(s) w <= 0; sigma^2 >= `minimum` [m^2/s^2].
+    The columns: v_z <= 0; J_l(s) w <= 0; sigma^2 >= `minimum` [m^2/s^2]. The second one is given 2 % of |w|,
+    because w was chosen for the image of a frame ago.
     """
-    out = np.empty((len(s), 3), dtype=np.bool_)
-    out[:, 0] = v[2] <= 1e-12
-    # w was chosen for the image of a frame ago, which has moved since.
-    out[:, 1] = s[:, 1] * w[0] - s[:, 0] * w[1] <= 0.02 * np.sqrt(w @ w)
-    flow_x, flow_y = s[:, 0] * v[2] - v[0], s[:, 1] * v[2] - v[1]
-    out[:, 2] = flow_x * flow_x + flow_y * flow_y >= minimum
-    return out
+    slack = 0.02 * np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    for i in range(sigma2.shape[0]):
+        om_x = s[i, 0] * v[2] - v[0]
+        om_y = s[i, 1] * v[2] - v[1]
+        sigma2[i] = om_x * om_x + om_y * om_y
+        conditions[i, 0] = v[2] <= 1e-12
+        conditions[i, 1] = s[i, 1] * w[0] - s[i, 0] * w[1] <= slack
+        conditions[i, 2] = sigma2[i] >= minimum

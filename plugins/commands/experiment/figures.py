@@ -5,6 +5,7 @@ from typing import Any
 
 from knotwork.core.errors import InputError
 
+STYLES = {"active+": "--", "ekf": "-."}  # where curves lie on each other
 COLOURS = {
     "ideal": "0.45",
     "passive": "tab:red",
@@ -39,6 +40,7 @@ def label(axis: Any, x: str, y: str, title: str = "") -> None:
     axis.set_xlabel(x)
     axis.set_ylabel(y)
     axis.set_title(title, fontsize="medium")
+    axis.set_axisbelow(True)
     axis.grid(True, color="0.9")
 
 

@@ -44,9 +44,11 @@ def _success(out: Path, setting: str, runs: Runs, summary: dict[str, dict[str, A
         bars = {"ecolor": "0.2", "capsize": 2, "error_kw": {"linewidth": 0.8}}
         axes[0].bar(place, success, width, yerr=np.maximum(spread, 0.0), color=colour, label=mode, **bars)
         depth = [row["depth_error_median_m"] or np.nan for row in rows]
-        axes[1].plot(list(runs), depth, "o-", color=colour, label=mode)
+        style = figures.STYLES.get(mode, "-")
+        if mode != "ideal":
+            axes[1].plot(list(runs), depth, "o" + style, color=colour, label=mode)
         extra = [row["extra_time_median_s"] for row in rows]
-        axes[2].plot(list(runs), [np.nan if t is None else t for t in extra], "o-", color=colour, label=mode)
+        axes[2].plot(list(runs), [np.nan if t is None else t for t in extra], "o" + style, color=colour, label=mode)
     axes[0].set_xticks(np.arange(len(runs)), [str(n) for n in runs])
     axes[0].set_ylim(0.0, 1.08)
     axes[0].legend(fontsize="small", loc="lower right")
@@ -62,10 +64,11 @@ def _over_time(out: Path, n: int, index: int, shown: dict[str, Trace]) -> None:
     for mode, run in shown.items():
         time = np.arange(len(run.errors)) * STEP
         colour = figures.COLOURS[mode]
-        axes[0].semilogy(time, run.errors, color=colour, label=mode)
+        look = {"color": colour, "linestyle": figures.STYLES.get(mode, "-"), "label": mode}
+        axes[0].semilogy(time, run.errors, **look)
         if mode != "ideal":
-            axes[1].semilogy(time, np.abs(run.chi_error).max(axis=1).clip(1e-6), color=colour, label=mode)
-            axes[2].plot(time, run.phases, color=colour, label=mode)
+            axes[1].semilogy(time, np.abs(run.chi_error).max(axis=1).clip(1e-6), **look)
+            axes[2].plot(time, run.phases, **look)
     axes[0].axhline(0.01, color="0.6", linewidth=0.8)
     axes[0].legend(fontsize="small")
     axes[2].set_yticks((1, 2, 3))

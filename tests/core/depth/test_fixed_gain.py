@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from knotwork.core.camera import interaction, move_points, project, rigid_step
+from knotwork.core.camera import excitation, interaction, move_points, project, rigid_step
 from knotwork.core.depth.observer import (
     CHI_MAX,
     CHI_MIN,
@@ -111,10 +111,17 @@ def test_certainty_is_linear_between_its_bounds():
     np.testing.assert_allclose(rho, (0, 0, 0.5, 1, 1), atol=1e-12)
 
 
+def conditions(s, v, w, minimum):
+    sigma2, out = np.empty(len(s)), np.empty((len(s), 3), dtype=bool)
+    convergence_conditions(s, np.array(v), np.array(w), minimum, sigma2, out)
+    np.testing.assert_allclose(sigma2, excitation(s, np.array(v)), atol=1e-15)
+    return out
+
+
 def test_the_conditions_of_convergence():
     s = np.array([(0.3, 0.0), (-0.3, 0.0), (0.0, 0.0)])
-    got = convergence_conditions(s, np.array((0.0, 0.0, -0.1)), np.array((0.0, 0.1, 0.0)), 1e-4)
+    got = conditions(s, (0.0, 0.0, -0.1), (0.0, 0.1, 0.0), 1e-4)
     np.testing.assert_array_equal(got[:, 0], True)
     np.testing.assert_array_equal(got[:, 1], (True, False, True))  # -x w_y <= 0
     np.testing.assert_array_equal(got[:, 2], (True, True, False))  # the focus of expansion shows nothing
-    assert not convergence_conditions(s, np.array((0.0, 0.0, 0.1)), np.zeros(3), 0.0)[:, 0].any()
+    assert not conditions(s, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)[:, 0].any()
