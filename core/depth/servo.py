@@ -23,7 +23,8 @@ _REDUNDANT = 1.0 - 1e-9
 _LONGEST = 0.3  # radii; a longer step no longer sees the balls as they are
 _GAP, _RESIDUAL, _COARSE = 1e-12, 1e-10, 1e-7
 _LEAST_GAP = 1e-14  # aiming closer than this only loses digits
-_PROXIMAL = 1e-11  # of the largest entry of H: one or two points leave directions that cost nothing
+# Of the largest entry of H: one or two points leave directions that cost nothing. Rounding may ask for more.
+_PROXIMAL = (1e-11, 1e-8, 1e-5)
 
 
 @kernel
@@ -159,7 +160,7 @@ def _into_ball(u: F64, first: int, radius: float) -> None:
 
 
 @kernel
-def solve_cone(
+def _attempt(
     hessian: F64,
     gradient: F64,
     rows: F64,
@@ -169,28 +170,10 @@ def solve_cone(
     least: float,
     v_max: float,
     w_max: float,
+    proximal: float,
     u: F64,
 ) -> bool:
-    """Minimise u^T H u / 2 + g^T u over the balls and half-spaces; write u (6,).
-
-    Parameters
-    ----------
-    hessian, gradient
-        H (6, 6) positive semi-definite and g (6,).
-    rows, bounds
-        Image points s (n, 2) and b (n,) >= 0 of the rows J_l(s) w <= b; n = 0 for none.
-    v_z_bound
-        c >= 0 of v_z <= c; infinite for none.
-    direction, least
-        Unit vector d (2,) and 0 <= beta < 1 of d^T v_xy >= beta v_max; beta < 0 for none.
-    v_max, w_max
-        Radii [m/s, rad/s].
-
-    Returns
-    -------
-    bool
-        False if a number was not finite or the method did not converge; u is then 0.
-    """
+    """Do what `solve_cone` does, with `proximal` times the largest entry of H added to its diagonal."""
     n = rows.shape[0]
     # In units of the radii: constraints 0 and 1 are the balls (|u|^2 - 1)/2 <= 0, the others a^T u <= limit.
     normal = np.zeros((n + 4, 6))
@@ -232,7 +215,7 @@ def solve_cone(
         g[a] /= scale
         for b in range(6):
             h[a, b] /= scale
-        h[a, a] += _PROXIMAL
+        h[a, a] += proximal
     slack = np.ones(m)
     dual = np.ones(m)
     d_slack = np.zeros(m)
@@ -321,4 +304,43 @@ def solve_cone(
             slack[i] += length * d_slack[i]
             dual[i] += length * d_dual[i]
     u[:] = 0.0
+    return False
+
+
+@kernel
+def solve_cone(
+    hessian: F64,
+    gradient: F64,
+    rows: F64,
+    bounds: F64,
+    v_z_bound: float,
+    direction: F64,
+    least: float,
+    v_max: float,
+    w_max: float,
+    u: F64,
+) -> bool:
+    """Minimise u^T H u / 2 + g^T u over the balls and half-spaces; write u (6,).
+
+    Parameters
+    ----------
+    hessian, gradient
+        H (6, 6) positive semi-definite and g (6,).
+    rows, bounds
+        Image points s (n, 2) and b (n,) >= 0 of the rows J_l(s) w <= b; n = 0 for none.
+    v_z_bound
+        c >= 0 of v_z <= c; infinite for none.
+    direction, least
+        Unit vector d (2,) and 0 <= beta < 1 of d^T v_xy >= beta v_max; beta < 0 for none.
+    v_max, w_max
+        Radii [m/s, rad/s].
+
+    Returns
+    -------
+    bool
+        False if a number was not finite or the method did not converge; u is then 0.
+    """
+    for proximal in _PROXIMAL:
+        if _attempt(hessian, gradient, rows, bounds, v_z_bound, direction, least, v_max, w_max, proximal, u):
+            return True
     return False

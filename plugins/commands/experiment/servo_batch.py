@@ -62,7 +62,8 @@ def run_servo(
     twist_scale, twist_noise
         The camera moves with `twist_scale` (6,) times the command plus `twist_noise`.
     errors, phases, chi_error, path
-        Outputs, each frame's |e| without noise (K+1,), phase (K+1,; 0: no answer, a stop), estimate minus truth (K+1, n) [1/m],
+        Outputs of each frame: |e| without noise (K+1,), phase (K+1,), 0 where the program had no answer and the
+        camera stood, estimate minus truth (K+1, n) [1/m],
         camera pose: position and rotation row by row (K+1, 12), in the first camera frame.
 
     Returns
