@@ -1,5 +1,6 @@
 """Solvers of the servo program: Clarabel's cones, the compiled method, any QP solver with tangent cuts."""
 
+import warnings
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
@@ -162,7 +163,9 @@ class TangentCuts:
 
     def _solve(self, part: Any) -> F64 | None:
         for options in self._options:
-            solution = self._module.solve_problem(part, solver=self._name, **options)
+            with warnings.catch_warnings():  # "solved inaccurate": what matters is checked here
+                warnings.simplefilter("ignore")
+                solution = self._module.solve_problem(part, solver=self._name, **options)
             if solution.found and solution.x is not None and np.isfinite(solution.x).all():
                 return np.asarray(solution.x, dtype=np.float64)
         return None

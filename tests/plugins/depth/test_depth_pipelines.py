@@ -48,7 +48,6 @@ def test_fifty_scenarios_run_alike_as_pipelines_and_in_the_batch(pipeline, mode)
         np.testing.assert_array_equal(phases, batch.phases)
 
 
-@pytest.mark.filterwarnings("ignore:The default value of raise_error")  # osqp speaks to qpsolvers
 @pytest.mark.parametrize("solver", ["clarabel", "osqp"])
 def test_other_solvers_reach_the_goal_on_the_same_way(pipeline, solver):
     pytest.importorskip("clarabel" if solver == "clarabel" else "qpsolvers")
