@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from knotwork.core.camera import project
+from knotwork.core.depth.servo import servo_problem
 from knotwork.plugins.commands.experiment import depth_robot, servo_runs
 from knotwork.plugins.commands.experiment.scenarios import SETTINGS, scenario
 from knotwork.plugins.commands.experiment.servo_runs import MODES
 from knotwork.plugins.commands.experiment.single_runs import single
+from knotwork.plugins.policies.visual_servo.solvers import Program, compiled, solver
 
 OBSERVER = {"ekf": {"plugin": "depth-ekf"}}
 
@@ -48,12 +50,11 @@ def test_fifty_scenarios_run_alike_as_pipelines_and_in_the_batch(pipeline, mode)
         np.testing.assert_array_equal(phases, batch.phases)
 
 
-@pytest.mark.parametrize("solver", ["clarabel", "osqp"])
-def test_other_solvers_reach_the_goal_on_the_same_way(pipeline, solver):
-    pytest.importorskip("clarabel" if solver == "clarabel" else "qpsolvers")
+def test_clarabel_reaches_the_goal_too(pipeline):
+    pytest.importorskip("clarabel")
     scene = scenario(SETTINGS["B"], 5, 3, 1)
     ends = []
-    for name in ("compiled", solver):
+    for name in ("compiled", "clarabel"):
         result, streams = pipeline(servo_nodes(scene, "active+", 1.0, name))
         assert result.exit_code == 0
         twists = streams["servo.twist"]
@@ -152,3 +153,24 @@ def test_losing_features_and_noise_do_not_keep_it_from_the_goal(pipeline):
     rotation, position = streams["camera.camera"][-1].rotation, streams["camera.camera"][-1].position
     image, _ = project((scene.points - position) @ rotation)
     assert np.linalg.norm(image - scene.goal) < 0.01
+
+
+def test_tangent_cuts_give_nearly_the_exact_answer():
+    pytest.importorskip("osqp")
+    pytest.importorskip("qpsolvers")
+    rng = np.random.default_rng(1)
+    cuts = solver("osqp", "servo")
+    for _ in range(10):
+        s, chi = rng.uniform(-0.3, 0.3, (9, 2)), rng.uniform(0.3, 3, 9)
+        hessian, gradient, bounds, direction = np.empty((6, 6)), np.empty(6), np.empty(9), np.empty(2)
+        _, c, least = servo_problem(
+            s, chi, s + rng.normal(0, 0.1, s.shape), rng.choice([0.0, 0.5, 1.0], 9), np.zeros(9), np.zeros(2),
+            1.0, 0.1, 0.15, 0.9, hessian, gradient, bounds, direction,
+        )  # fmt: skip
+        program = Program(hessian, gradient, s, bounds, c, direction, least, 0.1, 0.15)
+        exact, near = compiled(program), cuts(program)
+        scaled, slope = program.scaled()
+        cost = [0.5 * u @ scaled @ u + slope @ u for u in (exact, near)]
+        assert cost[1] == pytest.approx(cost[0], rel=1e-3, abs=1e-6)
+        assert np.linalg.norm(near[:3]) <= 1 + 1e-5
+        assert np.linalg.norm(near[3:]) <= 1 + 1e-5
