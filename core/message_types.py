@@ -26,6 +26,8 @@ _TYPES: dict[str, str] = {
     "image": f"{_CORE}:Image",
     "features": f"{_CORE}:Features",
     "depths": f"{_CORE}:Depths",
+    "camera_pose": f"{_CORE}:CameraPose",
+    "servo_state": f"{_CORE}:ServoState",
     "event": f"{_CORE}:Event",
     "statistics": f"{_CORE}:Statistics",
 }

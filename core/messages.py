@@ -327,7 +327,26 @@ class Features(Message):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Depths(Message):
-    """Inverse depths `chi` (n,) [1/m] of the features `ids` (n,), with `variance` (n,) and `sigma2` (n,)."""
+    """Inverse depths of image points, as an observer estimates them or as they truly are.
+
+    Attributes
+    ----------
+    ids, points : shape (n,), shape (n, 2)
+        The features, as measured (normalised image coordinates).
+    chi : shape (n,)
+        Inverse depths [1/m].
+    variance : shape (n,) or None
+        Of `chi` [1/m^2].
+    sigma2 : shape (n,) or None
+        Excitation sigma^2 over the last step [m^2/s^2]: how much the motion says about each depth.
+    uncertainty : shape (n,) or None
+        Windowed mean of the squared image residual (9.41); infinite until the window is full.
+    conditions : bool, shape (n, 3), or None
+        Which conditions of convergence (Theorem 8.2) held over the last step: v_z <= 0, J_l w <= 0,
+        sigma^2 large enough.
+    condition : shape (n,) or None
+        Condition number of the geometry that gave each depth (triangulation); infinite: no depth, chi is NaN.
+    """
 
     type_name: ClassVar[str] = "depths"
 
@@ -336,6 +355,50 @@ class Depths(Message):
     chi: F64
     variance: F64 | None = None
     sigma2: F64 | None = None
+    uncertainty: F64 | None = None
+    conditions: NDArray[np.bool_] | None = None
+    condition: F64 | None = None
+    role: Role = "estimate"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraPose(Message):
+    """Pose of a camera: `position` (3,) [m] and `rotation` (3, 3), its optical axes as columns, in `frame`."""
+
+    type_name: ClassVar[str] = "camera_pose"
+
+    role: Role
+    position: F64
+    rotation: F64
+    frame: str = "world"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ServoState(Message):
+    """What a vision policy is doing.
+
+    Attributes
+    ----------
+    phase
+        1: no point is certain yet; 2: some are; 3: all are, nothing is constrained.
+    error
+        Norm of the stacked image error (2n,).
+    ids, certainty : shape (n,)
+        The points it servoes, and how certain their depths are in [0, 1].
+    exciting
+        The camera is being kept in motion for the sake of the depths.
+    solved
+        The command is the solution; False: a safe stop.
+    """
+
+    type_name: ClassVar[str] = "servo_state"
+
+    phase: int
+    error: float
+    ids: I64
+    certainty: F64
+    exciting: bool = False
+    solved: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

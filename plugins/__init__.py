@@ -1,14 +1,22 @@
 """The plugins that ship with Knotwork; each registers as a third party's would, from this table."""
 
 BUILTINS = (
+    "knotwork.plugins.drivers.camera",
     "knotwork.plugins.drivers.carmen",
     "knotwork.plugins.drivers.gazebo_text",
     "knotwork.plugins.drivers.minesrover",
     "knotwork.plugins.drivers.sim2d",
+    "knotwork.plugins.drivers.sim_camera",
     "knotwork.plugins.maps.spline_surface",
     "knotwork.plugins.localizers.gauss_newton",
+    "knotwork.plugins.observers.depth_ekf",
+    "knotwork.plugins.observers.depth_fixed_gain",
     "knotwork.plugins.observers.ekf",
+    "knotwork.plugins.observers.triangulation",
+    "knotwork.plugins.policies.active_base",
     "knotwork.plugins.policies.follow_path",
+    "knotwork.plugins.policies.single_point",
+    "knotwork.plugins.policies.visual_servo",
     "knotwork.plugins.sinks.map_export",
     "knotwork.plugins.sinks.map_image",
     "knotwork.plugins.sinks.mcap",
@@ -16,5 +24,6 @@ BUILTINS = (
     "knotwork.plugins.sinks.trajectory",
     "knotwork.plugins.commands.demo",
     "knotwork.plugins.commands.evaluate",
+    "knotwork.plugins.commands.experiment",
     "knotwork.plugins.commands.log",
 )

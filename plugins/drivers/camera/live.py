@@ -1,0 +1,80 @@
+"""A connected camera as a pushing driver; it comes back by itself after it was unplugged."""
+
+from threading import Event as Flag
+from threading import Thread
+from typing import Any
+
+import cv2
+
+from knotwork.core import clock
+from knotwork.core.contracts import Context, Driver
+from knotwork.core.errors import DriverError
+from knotwork.core.messages import Features
+from knotwork.plugins.drivers.camera import LiveConfig
+from knotwork.plugins.drivers.camera.calibration import read_calibration
+from knotwork.plugins.drivers.camera.tracker import Tracker
+
+_AGAIN = 1.0  # s between attempts to open a camera that has gone
+
+
+class LiveCamera(Driver):
+    """Pictures are stamped when they arrive."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.config: LiveConfig = context.config
+        self.calibration = read_calibration(self.config.calibration)
+        self._tracker = Tracker(self.config)
+        self._capture: Any = None
+        self._stop = Flag()
+        self._thread = Thread(target=self._run, name=f"{context.name} camera", daemon=True)
+
+    def open(self) -> None:
+        """Open the device.
+
+        Raises
+        ------
+        DriverError
+            It cannot be opened.
+        """
+        if not self._connect():
+            raise DriverError("cannot open the camera", where=f"device {self.config.device}", hint="is it plugged in?")
+
+    def start(self) -> None:
+        """Start taking pictures."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop taking pictures."""
+        self._stop.set()
+        self._thread.join(timeout=2.0)
+
+    def close(self) -> None:
+        """Release the device."""
+        if self._capture is not None:
+            self._capture.release()
+
+    def _connect(self) -> bool:
+        self._capture = cv2.VideoCapture(self.config.device)
+        if self.config.size is not None:
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self.config.size[0])
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self.config.size[1])
+        if self.config.rate is not None:
+            self._capture.set(cv2.CAP_PROP_FPS, self.config.rate)
+        return bool(self._capture.isOpened())
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            there, frame = self._capture.read()
+            stamp = clock.epoch()
+            if not there:
+                self.context.count("lost_camera")
+                self.context.report("warning", "the camera gives no pictures; trying to open it again")
+                self._capture.release()
+                while not self._stop.wait(_AGAIN) and not self._connect():
+                    pass
+                continue
+            grey: Any = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            ids, pixels = self._tracker.follow(grey)
+            points = self.calibration.normalised(pixels)
+            self.context.emit("features", Features(stamp=stamp, ids=ids, points=points))
