@@ -3,7 +3,9 @@
 BUILTINS = (
     "knotwork.plugins.drivers.carmen",
     "knotwork.plugins.drivers.gazebo_text",
+    "knotwork.plugins.drivers.lds01",
     "knotwork.plugins.drivers.minesrover",
+    "knotwork.plugins.drivers.opencr",
     "knotwork.plugins.drivers.sim2d",
     "knotwork.plugins.maps.spline_surface",
     "knotwork.plugins.localizers.gauss_newton",

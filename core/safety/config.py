@@ -21,7 +21,7 @@ class SafetyConfig(PluginConfig):
         0.15, "s", "without a lidar packet for so long the base stops; 0: the lidar is not watched", ge=0
     )
     rearm: Literal["manual", "auto"] = Field(
-        "manual",
+        default="manual",
         description="after a fault the base stands until it is told to go on; auto: until the fault has been "
         "gone for a second (never after an emergency stop)",
     )

@@ -80,6 +80,10 @@ class Supervisor:
         """Whether the wheels are told to stand."""
         return self.ramp.standing
 
+    def resize(self, separation: float, fastest: float) -> None:
+        """Take the geometry of the base that was found [m, m/s]."""
+        self._separation, self._fastest = separation, fastest
+
     def command(self, v: float, w: float, stamp: int, now: int) -> bool:
         """Take a command emitted at `stamp` [ns]: forward speed [m/s], yaw rate [rad/s]; False: refused."""
         if not (isfinite(v) and isfinite(w)):
@@ -161,7 +165,8 @@ class Supervisor:
             return 0.0, 0.0
         v, w, stamp = command
         if now - stamp > self._timeout:
-            self._command = None
+            if self._command is command:
+                self._command = None
             if not self.ramp.standing:
                 self._count("command_timeouts")
                 self._report("warning", f"no command for {self.config.command_timeout:g} s: stopping")

@@ -1,0 +1,124 @@
+"""From encoder counts that wrap, jump and restart to odometry."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from knotwork.core.messages import Odometry, Wheels
+from knotwork.core.world.odometry import DeadReckoning
+from knotwork.core.world.parameters import BaseParameters
+
+_TURN = 2.0 * np.pi
+_SLACK = 200  # ticks that two readings may differ beyond what the wheels can roll
+
+
+class WheelOdometry:
+    """Dead reckoning on 32-bit encoder counts.
+
+    A change that no wheel can roll is either a damaged reading, which the next one contradicts, or the
+    encoders have restarted, which the next one confirms; then odometry goes on from where it was, marked
+    as a discontinuity.
+
+    Parameters
+    ----------
+    radius, separation
+        Of the wheels, between the wheels [m].
+    ticks
+        Counts a turn of a wheel.
+    fastest
+        Limit of a rim [m/s].
+    gyro
+        The heading comes with `update`.
+    covariance
+        Odometry says how uncertain it is.
+
+    Attributes
+    ----------
+    rejected, restarts
+        Damaged readings; restarts of the encoders.
+    moved
+        When the counts changed last [ns], 0 for never.
+    """
+
+    def __init__(
+        self, radius: float, separation: float, ticks: int, fastest: float, *, gyro: bool, covariance: bool
+    ) -> None:
+        parameters = BaseParameters(
+            wheel_radius=radius, wheel_separation=separation, wheel_speed_max=fastest, ticks=ticks
+        )
+        self.rejected = self.restarts = 0
+        self.moved = 0
+        self._reckoning = DeadReckoning(parameters, gyro, covariance)
+        self._angle_of_tick = _TURN / ticks
+        self._per_second = 2.0 * fastest / radius / self._angle_of_tick
+        self._angles = [0.0, 0.0]
+        self._last: tuple[int, int] | None = None
+        self._suspect: tuple[int, int] | None = None
+        self._stamp = 0
+
+    def restart(self) -> None:
+        """Take the next reading as a new beginning: the odometry goes on, marked."""
+        self._last = None
+
+    def update(
+        self, stamp: int, ticks: tuple[int, int], velocity: tuple[float, float], turn: float | None
+    ) -> tuple[Odometry, Wheels] | None:
+        """Add a reading; None if it is not to be believed.
+
+        Parameters
+        ----------
+        stamp
+            Time of the reading [ns].
+        ticks
+            Counts, left and right, as signed 32-bit numbers.
+        velocity
+            Of the wheels [rad/s].
+        turn
+            Change of heading since the last reading that was believed, from a gyro [rad]; None: the wheels say.
+        """
+        if self._last is None:
+            first = self._stamp == 0
+            self._last, self._stamp, self._suspect = ticks, stamp, None
+            odometry = self._reckoning.start(stamp)
+            odometry = replace(odometry, pose=np.array(self._reckoning.pose), discontinuity=not first)
+            return odometry, self._wheels(stamp, velocity, not first)
+        period = (stamp - self._stamp) * 1e-9
+        if period <= 0.0:
+            return None
+        change = _difference(ticks, self._last)
+        if max(abs(change[0]), abs(change[1])) > self._per_second * period + _SLACK:
+            again = _difference(ticks, self._suspect) if self._suspect is not None else None
+            self._suspect = ticks
+            if again is not None and max(abs(again[0]), abs(again[1])) <= self._per_second * period + _SLACK:
+                self.restarts += 1
+                self.restart()
+                return self.update(stamp, ticks, velocity, turn)
+            self.rejected += 1
+            return None
+        self._suspect = None
+        self._last, self._stamp = ticks, stamp
+        if change != (0, 0) or not self.moved:
+            self.moved = stamp
+        for side in (0, 1):
+            self._angles[side] += change[side] * self._angle_of_tick
+        odometry = self._reckoning.update(
+            stamp, self._angles[0], self._angles[1], 0.0 if turn is None else turn / period, period
+        )
+        return odometry, self._wheels(stamp, velocity, False)
+
+    def _wheels(self, stamp: int, velocity: tuple[float, float], discontinuity: bool) -> Wheels:
+        return Wheels(
+            stamp=stamp,
+            angle=np.array(self._angles),
+            velocity=np.array(velocity),
+            discontinuity=discontinuity,
+        )
+
+
+def _difference(a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
+    """Change of 32-bit counts that may have wrapped."""
+    return _wrapped(a[0] - b[0]), _wrapped(a[1] - b[1])
+
+
+def _wrapped(change: int) -> int:
+    return (change + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
