@@ -72,8 +72,8 @@ class BaseDriver(Driver):
         """Read and emit; return whether the reading was good. Raises DeviceLost."""
 
     @abstractmethod
-    def drive(self, left: float, right: float, now: int) -> None:
-        """Write rim speeds [m/s] and feed the device's watchdog."""
+    def drive(self, left: float, right: float, now: int) -> int:
+        """Write rim speeds [m/s] and feed the device's watchdog; return when the speeds were sent [ns]."""
 
     @abstractmethod
     def standing(self) -> bool:
@@ -213,11 +213,11 @@ class BaseDriver(Driver):
         commanded, self._commanded = self._commanded, None
         left, right = supervisor.step(now)
         try:
-            self.drive(left, right, now)
+            sent = self.drive(left, right, now)
+            if commanded is not None:
+                self.latency.add(sent - commanded)
         except NoAnswer:
             self.context.count("failed_writes")
-        if commanded is not None:
-            self.latency.add(clock.epoch() - commanded)
         self._tell(now)
 
     def _silence(self, now: int) -> str:

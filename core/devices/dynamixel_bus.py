@@ -32,6 +32,8 @@ class DynamixelBus:
     ----------
     retries, failures
         Attempts that had to be repeated, transactions given up.
+    sent
+        When the last request was sent, by `clock.epoch()` [ns].
     alerts
         Ids whose last answer carried the alert bit (hardware error).
     """
@@ -39,7 +41,7 @@ class DynamixelBus:
     def __init__(self, port: SerialPort) -> None:
         self.port = port
         self.parser = dynamixel.Parser()
-        self.retries = self.failures = 0
+        self.retries = self.failures = self.sent = 0
         self.alerts: set[int] = set()
 
     def ping(self, device: int, patience: float = _PATIENCE) -> tuple[int, int] | None:
@@ -80,6 +82,7 @@ class DynamixelBus:
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write the same registers of several devices; nobody answers."""
         self.port.write(dynamixel.sync_write(address, values))
+        self.sent = clock.epoch()
 
     def _ask(
         self,
@@ -96,6 +99,7 @@ class DynamixelBus:
             self.port.flush_input()
             self.parser.reset()
             self.port.write(request)
+            self.sent = clock.epoch()
             answers = self._collect(devices, length, patience)
             if len(answers) == len(devices):
                 for packet in answers.values():

@@ -56,7 +56,11 @@ class Lds(Driver):
             raise DriverError(str(lost), where=self.config.port) from lost
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread; what came while other devices were opened is old, and cut by a full buffer."""
+        with suppress(DeviceLost):  # the thread will find out
+            if self._port is not None and self._model is not None:
+                self._port.flush_input()
+                self._model.reset()
         self._thread = Thread(target=self._run, name=f"lidar {self.context.name}", daemon=True)
         self._thread.start()
 

@@ -28,6 +28,7 @@ class Model(ABC):
     """
 
     baud: int
+    packet_size: int
     start_command = b""
     stop_command = b""
     speeds: tuple[float, float]  # rpm of a healthy motor
@@ -38,6 +39,7 @@ class Model(ABC):
         self.missing = 0
         self.rpm = 0.0
         self.scans = 0
+        self._entered = True  # the first turn is one that was entered somewhere
 
     def feed(self, data: bytes, now: int) -> tuple[int, list[Scan]]:
         """Take bytes that had arrived by `now` [ns]; return how many packets they completed, and scans."""
@@ -45,16 +47,22 @@ class Model(ABC):
         scans: list[Scan] = []
         for packet in packets:
             behind = self.parser.received - packet.end  # bytes that came after it
-            scans += self._add(packet, now - round(behind * _BITS * 1e9 / self.baud))
+            # When its first byte set out, which is when its last reading had been taken.
+            scans += self._add(packet, now - round((behind + self.packet_size) * _BITS * 1e9 / self.baud))
         return len(packets), scans
 
     @abstractmethod
-    def _add(self, packet: Any, arrived: int) -> list[Scan]:
-        """Take a packet; return the scans it ends."""
+    def _add(self, packet: Any, sent: int) -> list[Scan]:
+        """Take a packet that was sent at `sent` [ns], or earlier; return the scans it ends."""
 
     @abstractmethod
     def reset(self) -> None:
         """Forget an unfinished turn."""
+
+    def _cut(self, missing: int) -> bool:
+        """Tell whether this is the first turn, and not a whole one."""
+        entered, self._entered = self._entered, False
+        return entered and missing > 0
 
     def _scan(
         self, stamp: int, ranges: F32, intensities: F32, limits: tuple[float, float], offset: float, increment: float
@@ -81,6 +89,7 @@ class Lds01(Model):
     """LDS-01: 360 readings a turn, clockwise; raw reading n is beam 359 - n."""
 
     baud = lds01.BAUD
+    packet_size = lds01.PACKET
     start_command = lds01.START
     stop_command = lds01.STOP
     speeds = (290.0, 310.0)
@@ -91,12 +100,13 @@ class Lds01(Model):
         self._turns = lds01.Revolutions()
 
     def reset(self) -> None:
-        """Forget an unfinished turn."""
+        """Forget an unfinished turn; the next one is entered in the middle."""
         self.parser.reset()
+        self._entered = True
         self._turns.reset()
 
-    def _add(self, packet: lds01.Packet, arrived: int) -> list[Scan]:
-        return [self._convert(turn) for turn in self._turns.add(packet, arrived)]
+    def _add(self, packet: lds01.Packet, sent: int) -> list[Scan]:
+        return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(turn.missing)]
 
     def _convert(self, turn: lds01.Revolution) -> Scan:
         self.missing += turn.missing
@@ -104,7 +114,8 @@ class Lds01(Model):
         step = 1.0 / (6.0 * turn.rpm) if turn.rpm > 0.0 else 1.0 / (360.0 * lds01.RATE)
         # Bytes come late, never early: the packet that was least late tells when the turn began.
         sectors = np.flatnonzero(turn.sectors)
-        begun = turn.stamps[sectors] - np.rint((sectors + 1) * (lds01.BEAMS * step * 1e9)).astype(np.int64)
+        last = lds01.BEAMS * (sectors + 1) - 1
+        begun = turn.stamps[sectors] - np.rint(last * (step * 1e9)).astype(np.int64)
         n = len(turn.distances)
         ranges = turn.distances[::-1].astype(np.float32) * np.float32(1e-3)
         ranges[ranges == 0.0] = np.nan
@@ -117,6 +128,7 @@ class Lds02(Model):
     """LDS-02: points at varying angles, put into a fixed number of beams."""
 
     baud = lds02.BAUD
+    packet_size = lds02.PACKET
     speeds = (290.0, 800.0)
 
     def __init__(self, config: Config) -> None:
@@ -125,18 +137,19 @@ class Lds02(Model):
         self._turns = lds02.Revolutions()
 
     def reset(self) -> None:
-        """Forget an unfinished turn."""
+        """Forget an unfinished turn; the next one is entered in the middle."""
         self.parser.reset()
+        self._entered = True
         self._turns.reset()
 
-    def _add(self, packet: lds02.Packet, arrived: int) -> list[Scan]:
-        return [self._convert(turn) for turn in self._turns.add(packet, arrived)]
+    def _add(self, packet: lds02.Packet, sent: int) -> list[Scan]:
+        return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(1)]
 
     def _convert(self, turn: lds02.Revolution) -> Scan:
         self.missing += turn.missing
         self.rpm = turn.speed / 6.0
         rate = np.radians(max(turn.speed, 1.0))
-        # A packet arrives after its last point, as the least late of them tells (see Lds01).
+        # A packet sets out after its last point; the least late of them tells (see Lds01).
         last = np.zeros(len(turn.stamps))
         np.maximum.at(last, turn.packets, turn.angles)
         begun = turn.stamps - np.rint(last / rate * 1e9).astype(np.int64)

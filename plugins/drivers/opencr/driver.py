@@ -109,18 +109,21 @@ class OpenCr(BaseDriver):
             self._read_slowly(now)
         return True
 
-    def drive(self, left: float, right: float, now: int) -> None:
+    def drive(self, left: float, right: float, now: int) -> int:
         """Write the command if it is new, and the heartbeat, but only while readings are good."""
         command = quantised(*body_twist(left, right, self.geometry.separation), self.geometry)
         due = now - self._refreshed >= _REFRESH
+        sent = now
         if command != self._written or due:
             self._written = None  # an unanswered write may or may not have arrived
             self.board.command(*command)
             self._written = command
+            sent = self.board.bus.sent
         if due and self.reading_well(now):
             self.board.beat()
             self._refreshed = now
         self._watch_wheels(command, now)
+        return sent
 
     def standing(self) -> bool:
         """Whether both wheels were measured to stand."""
