@@ -244,32 +244,6 @@ def corrected(angles: F64, distances: NDArray[np.uint16]) -> tuple[F64, F64]:
     return np.mod(np.arctan2(y, x) - angles, 2.0 * np.pi), ranges
 
 
-def uncorrected(angle: float, distance: float) -> tuple[float, float]:
-    """Invert `corrected` for one true point; what the device would say of it.
-
-    Parameters
-    ----------
-    angle
-        Counter-clockwise [rad].
-    distance
-        From the axis [m].
-
-    Returns
-    -------
-    clockwise angle of the device [rad], distance [mm]; 0 mm for a point that the device cannot see
-    """
-    r = distance * 1e3
-    # r^2 = (d + f)^2 + (s d + a)^2, solved for the positive d.
-    a = 1.0 + _SKEW * _SKEW
-    b = _FORWARD + _SKEW * _ASIDE
-    c = _FORWARD * _FORWARD + _ASIDE * _ASIDE - r * r
-    root = b * b - a * c
-    d = (root**0.5 - b) / a if root >= 0.0 else 0.0
-    if d <= 0.0:
-        return (-angle) % (2.0 * np.pi), 0.0
-    return float((np.arctan2(_SKEW * d + _ASIDE, d + _FORWARD) - angle) % (2.0 * np.pi)), d
-
-
 def binned(
     angles: F64, ranges: F64, values: NDArray[np.uint8], bins: int, limit: float = radians(0.5)
 ) -> tuple[F32, F32]:

@@ -31,7 +31,7 @@ class Register(NamedTuple):
         """Return the bytes of a value; raises struct.error if it does not fit."""
         return struct.pack("<" + self.kind, value if self.kind == "f" else int(value))
 
-    def unpack(self, block: bytes, base: int) -> float:
+    def unpack(self, block: bytes | bytearray, base: int) -> float:
         """Read the register from a block of bytes that starts at address `base`.
 
         Raises
