@@ -3,9 +3,9 @@
 Beside it, in the same run, the `mcap` package's own writer given the same bytes.
 """
 
-import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,9 +14,10 @@ from mcap.writer import Writer
 
 from knotwork.core import codec
 from knotwork.core.messages import Message, Odometry, Pose, Scan, Transform
-from knotwork.core.views import views
 from knotwork.plugins.sinks.mcap import McapConfig
 from knotwork.plugins.sinks.mcap.recorder import McapRecorder
+
+STEPS, PASSES = 1000, 15
 
 
 def steps(n: int, beams: int) -> list[list[tuple[str, Message]]]:
@@ -63,55 +64,49 @@ def steps(n: int, beams: int) -> list[list[tuple[str, Message]]]:
     return out
 
 
+def best(call: Callable[[], object]) -> float:
+    """CPU time of one step [us]: the best of several passes, since the machine may be busy."""
+    times = []
+    for _ in range(PASSES):
+        start = time.thread_time()
+        call()
+        times.append(time.thread_time() - start)
+    return min(times) / STEPS * 1e6
+
+
+def record(data: list[list[tuple[str, Message]]], **config: object) -> tuple[float, float]:
+    """CPU time [us] and bytes of a step."""
+    with tempfile.TemporaryDirectory() as folder:
+        context = SimpleNamespace(
+            name="mcap", config=McapConfig(**config), out=Path(folder), run={}, report=print, count=print
+        )
+        sink = McapRecorder(context)
+        sink.open()
+        cost = best(lambda: [sink.on_message(stream, message) for step in data for stream, message in step])
+        sink.close()
+        return cost, sink.path.stat().st_size / STEPS / PASSES
+
+
+def peer(data: list[list[tuple[str, Message]]]) -> float:
+    """CPU time [us] of the `mcap` package's writer for the lossless bytes of a step, encoding not counted."""
+    blobs = [codec.encode(message) for step in data for _, message in step]
+    with tempfile.TemporaryDirectory() as folder:
+        writer = Writer(f"{folder}/peer.mcap", chunk_size=65536)
+        writer.start()
+        channel = writer.register_channel("/x", "msgpack", 0)
+        cost = best(lambda: [writer.add_message(channel, 1, blob, 1) for blob in blobs])
+        writer.finish()
+        return cost
+
+
 def main() -> None:
-    n = 10_000
     for beams in (180, 360):
-        data = steps(n, beams)
+        data = steps(STEPS, beams)
         for views_on in (False, True):
             for compression in ("zstd", "lz4", "none"):
-                with tempfile.TemporaryDirectory() as folder:
-                    config = McapConfig(compression=compression, views=views_on)
-                    context = SimpleNamespace(
-                        name="mcap",
-                        config=config,
-                        out=Path(folder),
-                        run={},
-                        report=sys.stderr.write,
-                        count=print,
-                    )
-                    sink = McapRecorder(context)
-                    sink.open()
-                    start, cpu = time.perf_counter(), time.thread_time()
-                    for step in data:
-                        for stream, message in step:
-                            sink.on_message(stream, message)
-                    wall, cpu = time.perf_counter() - start, time.thread_time() - cpu
-                    sink.close()
-                    size = sink.path.stat().st_size
-                print(
-                    f"{beams} beams, views {views_on!s:5}, {compression:4}: {wall / n * 1e6:6.1f} us a step "
-                    f"({cpu / n * 1e6:.1f} CPU), {size / n:6.0f} B a step"
-                )
-        for name, call in (
-            ("encode", lambda m: codec.encode(m)),
-            ("views", lambda m: [view.render(m) for view in views(m.type_name)]),
-        ):
-            for index, (stream, _) in enumerate(data[0]):
-                start = time.perf_counter()
-                for step in data:
-                    call(step[index][1])
-                print(f"  {name} {stream}: {(time.perf_counter() - start) / n * 1e6:.1f} us")
-        with tempfile.TemporaryDirectory() as folder:
-            writer = Writer(f"{folder}/peer.mcap", chunk_size=65536)
-            writer.start()
-            channel = writer.register_channel("/x", "msgpack", 0)
-            blobs = [codec.encode(message) for step in data for _, message in step]
-            start = time.perf_counter()
-            for blob in blobs:
-                writer.add_message(channel, 1, blob, 1)
-            each = (time.perf_counter() - start) / n * 1e6
-            print(f"  peer: mcap.Writer, lossless only, encoding not counted: {each:.1f} us a step")
-            writer.finish()
+                cost, size = record(data, compression=compression, views=views_on)
+                print(f"{beams} beams, views {views_on!s:5}, {compression:4}: {cost:5.1f} us a step, {size:5.0f} B")
+        print(f"{beams} beams, mcap.Writer alone, lossless bytes only: {peer(data):5.1f} us a step")
 
 
 if __name__ == "__main__":

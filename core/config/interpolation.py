@@ -65,9 +65,7 @@ def _reference(inside: str) -> Reference:
     name, colon, default = inside.partition(":-")
     matched = _NAME.match(name)
     if not matched:
-        raise ValueError(
-            f"${{{inside[:40]}}} is no reference: expected ${{name}}, ${{NAME:-default}} or ${{env:NAME}}"
-        )
+        raise ValueError(f"${{{inside[:40]}}} is no reference: expected ${{name}}, ${{NAME:-default}} or ${{env:NAME}}")
     return Reference(matched[2], bool(matched[1]), default if colon else None)
 
 
@@ -145,9 +143,7 @@ class _Interpolation:
                 return broken(item)
             if isinstance(found.value, dict | list) or found.value is None:
                 what = "null" if found.value is None else "a list or mapping"
-                self.problems.add(
-                    item.where, path, f"${{{part.name}}} is {what} and cannot stand inside a text"
-                )
+                self.problems.add(item.where, path, f"${{{part.name}}} is {what} and cannot stand inside a text")
                 return broken(item)
             texts.append(found.text if found.text is not None else _written(found.value))
             self.spent += len(texts[-1])
@@ -165,9 +161,7 @@ class _Interpolation:
                 via = f"var {name} ({declared.where})"
                 return replace(found, via=(via, *found.via))
             if reference.default is None:
-                self.problems.add(
-                    item.where, path, f"the variable {name!r} must be given", f"--set vars.{name}=VALUE"
-                )
+                self.problems.add(item.where, path, f"the variable {name!r} must be given", f"--set vars.{name}=VALUE")
                 return broken(item)
         else:
             text = self.environment.get(name)
@@ -189,9 +183,7 @@ class _Interpolation:
     def _var(self, name: str, item: Item, path: Path) -> Item:
         if name in self.open:
             chain = " -> ".join([*self.open[self.open.index(name) :], name])
-            self.problems.add(
-                self.vars[name].where, ("vars", name), f"variables refer to each other: {chain}"
-            )
+            self.problems.add(self.vars[name].where, ("vars", name), f"variables refer to each other: {chain}")
             return broken(item)
         if name not in self.known:
             self.open.append(name)

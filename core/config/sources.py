@@ -118,9 +118,7 @@ class Sources:
             line = data.count(b"\n", 0, error.start) + 1
             column = error.start - data.rfind(b"\n", 0, error.start)
             message = f"byte 0x{data[error.start]:02x} is not UTF-8"
-            raise self.problems.fatal(
-                f"{name}:{line}:{column}", "", message, "is this a text file?"
-            ) from None
+            raise self.problems.fatal(f"{name}:{line}:{column}", "", message, "is this a text file?") from None
 
     def _similar(self, name: str) -> str:
         if name.startswith(SHIPPED):

@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knotwork.core.geometry import Pose2, relative
 from knotwork.core.world.base import SimulatedBase
-from knotwork.core.world.kinematics import body_twist, relative
+from knotwork.core.world.kinematics import body_twist
 from knotwork.core.world.motion import Leg, Motion
 from knotwork.core.world.parameters import BaseParameters
 from knotwork.core.world.raycast import RayCaster
-from knotwork.core.world.scene import Pose2, World
+from knotwork.core.world.scene import World
 
 _STEP = 10_000_000  # ns; longest step of the motion
 _HISTORY = 300_000_000  # ns of motion that a lidar may look back

@@ -157,7 +157,8 @@ class Log:
             elif isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):
-                if record.id not in self.channels:
+                known = self.channels.get(record.id)
+                if known is None or not known.count:  # a later copy may be the one with a checksum
                     self.channels[record.id] = _channel(record, schemas.get(record.schema_id, ""))
             elif isinstance(record, Metadata) and record.name == RUN:
                 self.run = {key: _value(text) for key, text in record.metadata.items()}

@@ -20,6 +20,7 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from knotwork.core.errors import InputError
 from knotwork.core.log.writer import MAGIC
 
+_FOOTER_SIZE = 9 + 20 + len(MAGIC)
 _CHUNK_LIMIT = 1 << 30  # bytes; a larger claim is damage, not a chunk
 _OTHER: dict[int, Any] = {Opcode.HEADER: Header, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 _OTHER |= {Opcode.METADATA: Metadata, Opcode.ATTACHMENT: Attachment}
@@ -56,7 +57,7 @@ Record = Header | Schema | Channel | Metadata | Attachment | RawMessage
 class Damage:
     """What a pass over a file found wrong; all zero and `complete` for a finished file."""
 
-    complete: bool = False  # the end of the data section was reached
+    complete: bool = False  # the file has its end, so ordinary readers open it
     damaged_chunks: int = 0  # skipped whole
     damaged_records: int = 0  # others that made no sense
     lost_bytes: int = 0  # not within any record that could be read
@@ -79,7 +80,7 @@ def records(path: Path, damage: Damage) -> Iterator[Record]:
         while at < size:
             opcode, length = _head(data, at)
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                damage.complete = True
+                damage.complete = data[-_FOOTER_SIZE] == Opcode.FOOTER and data[-len(MAGIC) :] == MAGIC
                 return
             if not opcode:
                 # The length of the record before may be what is wrong: search from there.

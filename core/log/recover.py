@@ -63,24 +63,34 @@ def recover(path: Path, output: Path | None = None) -> Recovery:
 
 def _copy(source: Iterable[Record], writer: McapWriter) -> int:
     """Copy all records; return the number of messages whose channel is not known."""
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    new_schemas: dict[int, int] = {}
+    new_channels: dict[int, int] = {}
     orphans = 0
     for record in source:
         if isinstance(record, RawMessage):
-            channel = channels.get(record.channel)
-            if channel is None:
-                orphans += 1
-            else:
-                writer.add(channel, record.log_time, record.publish_time, record.sequence, record.data)
-        elif isinstance(record, Schema):
-            if record.id not in schemas:
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel):
-            if record.id not in channels:
-                channels[record.id] = writer.register_channel(
-                    record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
+            number = new_channels.get(record.channel)
+            if number is None:
+                # Only now: of the copies before its first message, the last is the one with a checksum.
+                channel = channels.get(record.channel)
+                if channel is None:
+                    orphans += 1
+                    continue
+                schema = schemas.get(channel.schema_id)
+                if schema is not None and schema.id not in new_schemas:
+                    new_schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+                number = new_channels[record.channel] = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    new_schemas[schema.id] if schema is not None else 0,
+                    channel.metadata,
                 )
+            writer.add(number, record.log_time, record.publish_time, record.sequence, record.data)
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):

@@ -1,8 +1,8 @@
 """An MCAP writer for logs that must survive: whole chunks or nothing, also on a full disk.
 
-Format: https://mcap.dev/spec. Schemas and channels stand before the chunk that first uses them, outside
-of it, so a damaged chunk costs its own messages only. The record classes of the `mcap` package write
-the rare records; messages and indexes, the many, are packed here.
+Format: https://mcap.dev/spec. Schemas and channels stand before the chunk that first uses them and again
+in it: in the chunk a checksum guards them, before it they survive the chunk's damage. The record classes
+of the `mcap` package write the rare records; messages and indexes, the many, are packed here.
 """
 
 import os
@@ -63,7 +63,7 @@ class McapWriter:
     file
         Unbuffered (`open(path, "wb", buffering=0)`) and empty. Not closed here.
     compression, level
-        Of the chunks; level None is the compressor's default.
+        Of the chunks; level None is the fastest (zstd 1, lz4 0).
     chunk_size
         A chunk is closed when its records reach this many bytes.
     profile, library
@@ -88,10 +88,11 @@ class McapWriter:
         self.dropped = 0  # messages lost to failed writes
         self.messages = 0  # messages that reached the file
         self._crc = 0
-        self._definitions = b""  # schemas, channels, metadata that are not in the file yet
+        self._definitions = b""  # schemas and channels that are not in the file yet
+        self._loose = b""  # metadata and attachments that are not in the file yet
         self._schemas: list[bytes] = []
         self._channels: list[bytes] = []
-        self._pending: list[MetadataIndex | AttachmentIndex] = []  # of records in `_definitions`
+        self._pending: list[MetadataIndex | AttachmentIndex] = []  # of records in `_loose`
         self._metadata_indexes: list[bytes] = []
         self._attachment_indexes: list[bytes] = []
         self._chunk_indexes: list[bytes] = []
@@ -113,9 +114,7 @@ class McapWriter:
         """Add a channel of a schema (0: none); return its id."""
         number = len(self._channels) + 1
         record = _record(
-            Channel(
-                id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=dict(metadata)
-            )
+            Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=dict(metadata))
         )
         self._channels.append(record)
         self._definitions += record
@@ -124,15 +123,15 @@ class McapWriter:
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a named record of text keys and values, written with the next chunk or flush."""
         record = _record(Metadata(name=name, metadata=dict(data)))
-        self._pending.append(MetadataIndex(offset=len(self._definitions), length=len(record), name=name))
-        self._definitions += record
+        self._pending.append(MetadataIndex(offset=len(self._loose), length=len(record), name=name))
+        self._loose += record
 
     def add_attachment(self, attachment: Attachment) -> None:
         """Add a file within the file, written with the next chunk or flush."""
         record = _record(attachment)
         self._pending.append(
             AttachmentIndex(
-                offset=len(self._definitions),
+                offset=len(self._loose),
                 length=len(record),
                 log_time=attachment.log_time,
                 create_time=attachment.create_time,
@@ -141,7 +140,7 @@ class McapWriter:
                 media_type=attachment.media_type,
             )
         )
-        self._definitions += record
+        self._loose += record
 
     def add(self, channel: int, log_time: int, publish_time: int, sequence: int, data: bytes) -> None:
         """Add a message; times in ns, not negative.
@@ -177,7 +176,7 @@ class McapWriter:
         OSError
             It could not be written; its messages are dropped.
         """
-        if not (self._index or self._definitions):
+        if not (self._index or self._loose):
             return
         try:
             self._flush()
@@ -208,9 +207,7 @@ class McapWriter:
         for opcode, records in groups:
             group = b"".join(records)
             if group:
-                offset = SummaryOffset(
-                    group_opcode=opcode, group_start=start + len(summary), group_length=len(group)
-                )
+                offset = SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(group))
                 offsets += _record(offset)
             summary += group
         offset_start = start + len(summary)
@@ -227,13 +224,16 @@ class McapWriter:
         self._chunk_end = 0
 
     def _flush(self) -> None:
-        definitions = self._definitions
-        base = self.size + len(definitions)
-        blob = [definitions]
-        chunk_index = b""
         n = sum(len(index) for index in self._index.values()) // 2
+        definitions = self._definitions if n else b""
+        blob = [self._loose, definitions]
+        base = self.size + len(self._loose) + len(definitions)
+        chunk_index = b""
         if n:
-            raw = b"".join(self._parts)
+            raw = b"".join([definitions, *self._parts])
+            if definitions:
+                for index in self._index.values():
+                    index[1::2] = [offset + len(definitions) for offset in index[1::2]]
             data = self._compress(raw)
             name = self._compression.encode()
             head = struct.pack(
@@ -247,9 +247,7 @@ class McapWriter:
             for channel, index in self._index.items():
                 offsets += struct.pack("<HQ", channel, base + chunk_length + at)
                 size = 8 * len(index)
-                blob.append(
-                    struct.pack(f"<BQHI{len(index)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *index)
-                )
+                blob.append(struct.pack(f"<BQHI{len(index)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *index))
                 at += 15 + size
             body = struct.pack("<QQQQI", self._chunk_start, self._chunk_end, base, chunk_length, len(offsets))
             body += offsets + struct.pack(f"<QI{len(name)}sQQ", at, len(name), name, len(data), len(raw))
@@ -260,13 +258,14 @@ class McapWriter:
         except OSError:
             self.dropped += n
             raise
-        self._definitions = b""
+        self._loose = b""
         for pending in self._pending:
             pending.offset += at_start
             kind = self._metadata_indexes if isinstance(pending, MetadataIndex) else self._attachment_indexes
             kind.append(_record(pending))
         self._pending = []
         if n:
+            self._definitions = b""
             self._chunk_indexes.append(chunk_index)
             self.messages += n
             for channel, index in self._index.items():
@@ -318,7 +317,7 @@ def _record(record: McapRecord) -> bytes:
 
 def _compressor(compression: Compression, level: int | None) -> Callable[[bytes], bytes]:
     if compression == "zstd":
-        return zstandard.ZstdCompressor(level=3 if level is None else level).compress
+        return zstandard.ZstdCompressor(level=1 if level is None else level).compress
     if compression == "lz4":
         strength = 0 if level is None else level
 

@@ -72,9 +72,7 @@ def transform(message: Transform) -> bytes:
 
 def pose_transform(message: Pose) -> bytes | None:
     """Estimated pose to foxglove.FrameTransform; shown where no odometry places `base`."""
-    return (
-        _transform(message.stamp, message.frame, BASE, message.pose) if message.role == "estimate" else None
-    )
+    return _transform(message.stamp, message.frame, BASE, message.pose) if message.role == "estimate" else None
 
 
 def grid(message: Grid) -> bytes:
@@ -90,9 +88,7 @@ def grid(message: Grid) -> bytes:
             PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
             for offset, name in enumerate(("red", "green", "blue", "alpha"))
         ],
-        data=_COLOURS[np.ascontiguousarray(message.cells).view(np.uint8)].tobytes()
-        if rows * columns
-        else b"",
+        data=_COLOURS[np.ascontiguousarray(message.cells).view(np.uint8)].tobytes() if rows * columns else b"",
     )
     view.cell_size.x = view.cell_size.y = message.resolution
     x, y, yaw = message.origin
@@ -176,13 +172,9 @@ FOXGLOVE_VIEWS = {
         protobuf_view(FrameTransform, pose_transform, topic=TRANSFORMS, places=lambda _: BASE),
     ],
     "odometry": [
-        protobuf_view(
-            FrameTransform, odometry_transform, topic=TRANSFORMS, places=lambda message: message.child
-        )
+        protobuf_view(FrameTransform, odometry_transform, topic=TRANSFORMS, places=lambda message: message.child)
     ],
-    "transform": [
-        protobuf_view(FrameTransform, transform, topic=TRANSFORMS, places=lambda message: message.child)
-    ],
+    "transform": [protobuf_view(FrameTransform, transform, topic=TRANSFORMS, places=lambda message: message.child)],
     "trajectory": [protobuf_view(PosesInFrame, trajectory)],
     "grid": [protobuf_view(GridView, grid)],
     "event": [protobuf_view(Log, event)],

@@ -37,6 +37,4 @@ def _schema(cls: type[Message]) -> bytes:
     return msgspec.json.encode({**top, "$defs": schema["$defs"]})
 
 
-JSON_VIEWS = {
-    cls.type_name: [json_view(cls)] for cls in (Twist, CameraTwist, Imu, Wheels, Battery, Statistics)
-}
+JSON_VIEWS = {cls.type_name: [json_view(cls)] for cls in (Twist, CameraTwist, Imu, Wheels, Battery, Statistics)}

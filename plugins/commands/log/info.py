@@ -77,12 +77,11 @@ def _text(facts: dict[str, Any], with_config: bool) -> str:
     lines = [
         f"{facts['path']}: {facts['bytes'] / 1e6:.2f} MB, {state}",
         f"{facts['messages']} messages in {facts['duration_s']:.3f} s, "
-        f"from {facts['start_ns'] / _SECOND:.3f} to {facts['end_ns'] / _SECOND:.3f}, written by {facts['library']}",
+        f"from {facts['start_ns'] / _SECOND:.3f} to {facts['end_ns'] / _SECOND:.3f}, "
+        f"written by {facts['library']}",
     ]
     run = {key: value for key, value in facts["run"].items() if with_config or key != "config"}
-    lines += [
-        f"{key}: {msgspec.json.encode(value, enc_hook=str).decode()}" for key, value in sorted(run.items())
-    ]
+    lines += [f"{key}: {msgspec.json.encode(value, enc_hook=str).decode()}" for key, value in sorted(run.items())]
     rows = [("topic", "schema", "messages", "rate")]
     for channel in facts["channels"]:
         rate = "" if channel["rate_hz"] is None else f"{channel['rate_hz']:.2f} Hz"

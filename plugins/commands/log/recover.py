@@ -12,9 +12,7 @@ _NOTES = 10  # lines about damage that are shown
 def arguments(parser: Any) -> None:
     """Add the arguments."""
     parser.add_argument("file", type=Path, metavar="FILE", help="the log; it is not changed")
-    parser.add_argument(
-        "--output", type=Path, metavar="PATH", help="where to write instead of FILE.recovered.mcap"
-    )
+    parser.add_argument("--output", type=Path, metavar="PATH", help="where to write instead of FILE.recovered.mcap")
 
 
 def run(arguments: Any) -> int:

@@ -8,9 +8,7 @@ from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 class MapImageConfig(PluginConfig):
     """Where the picture goes, how large it is and how often it is drawn."""
 
-    name: str = Field(
-        "map", pattern=r"^[\w.-]+$", description="file name without ending, in the run's folder"
-    )
+    name: str = Field("map", pattern=r"^[\w.-]+$", description="file name without ending, in the run's folder")
     period: float = quantity(0.0, "s", "also draw each so many seconds of the log; 0: at the end only", ge=0)
     size: int = quantity(1600, "px", "longer side of the picture, roughly", ge=200, le=4000)
     margin: float = quantity(0.5, "m", "kept around what is known of the map", ge=0, le=100)

@@ -51,7 +51,7 @@ def draw(grid: Grid, path: F64, *, size: int, margin: float) -> bytes:
 
     pixels = (at[:, :2] / grid.resolution - low) * scale
     pixels[:, 1] = height - pixels[:, 1]
-    line = max(2.0, size / 500)
+    line = max(3.0, size / 500)
     if len(pixels):
         shapes: tuple[tuple[tuple[int, int, int], Callable[[ImageDraw.ImageDraw], None]], ...] = (
             (_PATH, lambda pen: _line(pen, pixels, line)),
@@ -78,9 +78,7 @@ def _in_grid(path: F64, origin: tuple[float, float, float]) -> F64:
     )
 
 
-def _extent(
-    cells: NDArray[np.int8], points: F64, margin: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _extent(cells: NDArray[np.int8], points: F64, margin: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the cells (column, row) from and to which the picture goes, around all that is known."""
     known = cells >= 0
     columns, rows = np.flatnonzero(known.any(axis=0)), np.flatnonzero(known.any(axis=1))

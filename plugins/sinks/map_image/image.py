@@ -55,9 +55,7 @@ class MapImage(Sink):
 
     def _draw(self, stream: str) -> None:
         config, grid = self._config, self._grids[stream]
-        path: F64 = np.array(list(self._path.values()) if config.trajectory else [], np.float64).reshape(
-            -1, 3
-        )
+        path: F64 = np.array(list(self._path.values()) if config.trajectory else [], np.float64).reshape(-1, 3)
         try:
             picture = draw(grid, path, size=config.size, margin=config.margin)
             write_atomic(self.context.out / f"{self._names[stream]}.png", picture)

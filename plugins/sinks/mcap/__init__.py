@@ -15,20 +15,16 @@ class McapConfig(PluginConfig):
     level: int | None = quantity(
         None,
         "1",
-        "compression level, higher is smaller and slower; the compressor's default if absent",
+        "compression level, higher is smaller and slower; the fastest if absent",
         ge=0,
         le=22,
     )
     chunk_size: int = quantity(65536, "B", "a chunk is closed when it holds this much", ge=1024, le=64 << 20)
     include: tuple[str, ...] = Field(("*",), description="streams to record, as `node.port` with * and ?")
     exclude: tuple[str, ...] = Field((), description="streams to leave out of these")
-    views: bool = Field(
-        True, description="also write what viewers draw without set-up: /tf, laser scans, grids, ..."
-    )
+    views: bool = Field(True, description="also write what viewers draw without set-up: /tf, laser scans, grids, ...")
     flush: float = quantity(1.0, "s", "wall time after which messages are in the file at the latest", gt=0)
-    fsync: float = quantity(
-        5.0, "s", "wall time after which they survive a power cut; 0: left to the system", ge=0
-    )
+    fsync: float = quantity(5.0, "s", "wall time after which they survive a power cut; 0: left to the system", ge=0)
 
 
 MANIFEST = Manifest(

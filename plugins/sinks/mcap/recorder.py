@@ -5,7 +5,6 @@ Lossless: topic `/knotwork/<node>/<port>`, encoding `msgpack` (knotwork.core.cod
 under a schema viewers know. Log time is the message's `time`, publish time its `stamp`.
 """
 
-import time
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -75,6 +74,8 @@ class McapRecorder(Sink):
             The file cannot be created.
         """
         config = self._config
+        if config.views:
+            views("")  # imports the schemas now, not while messages wait
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._create(self.path)
@@ -88,6 +89,9 @@ class McapRecorder(Sink):
             self._writer.add_metadata(RUN, {key: _text(value) for key, value in self.context.run.items()})
             self._writer.flush()
         except OSError as error:
+            self._writer = None
+            if self._file is not None:
+                self._file.close()
             raise KnotworkError(
                 f"cannot write the log: {error.strerror}",
                 where=str(self.path),
@@ -124,6 +128,8 @@ class McapRecorder(Sink):
         self._stop.set()
         if self._flusher.is_alive():
             self._flusher.join()
+        if self._failure is not None and self._writer is not None:
+            self._report_failure()
         writer, self._writer = self._writer, None
         if writer is None or self._file is None:
             return
@@ -133,7 +139,7 @@ class McapRecorder(Sink):
         except OSError as error:
             self.context.report(
                 "error",
-                f"{self.path}: no index: {error.strerror}; {writer.dropped} messages were dropped "
+                f"{self.path}: no index: {error.strerror}; {writer.dropped} records were dropped "
                 f"(knotwork log recover {self.path})",
             )
         finally:
@@ -141,12 +147,12 @@ class McapRecorder(Sink):
             self._file.close()
 
     def statistics(self) -> dict[str, float]:
-        """Messages written and dropped (views included), bytes of the file."""
+        """Return records (messages and views) written and dropped, and bytes of the file."""
         return self._totals if self._writer is None else self._figures(self._writer)
 
     @staticmethod
     def _figures(writer: McapWriter) -> dict[str, float]:
-        return {"messages": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
+        return {"records": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
 
     def _register(self, stream: str, message: Message) -> _Stream | None:
         """Make the channel of a new stream; None when it is not recorded."""
@@ -171,24 +177,26 @@ class McapRecorder(Sink):
         return _Stream(channel, {**metadata, "view_of": PREFIX + topic}, shown)
 
     def _write(self, stream: str, found: _Stream, message: Message) -> None:
-        writer = self._writer
-        assert writer is not None
         log_time, stamp, seq = max(message.time, 0), max(message.stamp, 0), max(message.seq, 0)
+        self._add(found.channel, log_time, stamp, seq, codec.encode(message))
+        for shown in found.views:
+            places = shown.view.places
+            frame = places(message) if places else ""
+            if frame and self._placed.get(frame, stream) != stream:
+                continue
+            data = shown.view.render(message)
+            if data is None:
+                continue
+            if frame:
+                self._placed[frame] = stream
+            if not shown.channel:
+                shown.channel = self._view_channel(shown, found)
+            self._add(shown.channel, log_time, stamp, seq, data)
+
+    def _add(self, channel: int, log_time: int, stamp: int, seq: int, data: bytes) -> None:
+        assert self._writer is not None
         try:
-            writer.add(found.channel, log_time, stamp, seq, codec.encode(message))
-            for shown in found.views:
-                places = shown.view.places
-                frame = places(message) if places else ""
-                if frame and self._placed.get(frame, stream) != stream:
-                    continue
-                data = shown.view.render(message)
-                if data is None:
-                    continue
-                if frame:
-                    self._placed[frame] = stream
-                if not shown.channel:
-                    shown.channel = self._view_channel(shown, found)
-                writer.add(shown.channel, log_time, stamp, seq, data)
+            self._writer.add(channel, log_time, stamp, seq, data)
         except OSError as error:
             self._failure = error
 
@@ -199,12 +207,8 @@ class McapRecorder(Sink):
         channel = self._shared.get(key)
         if channel is None:
             schema = self._schema(view.schema, view.schema_encoding, lambda: view.definition)
-            metadata = {
-                k: v for k, v in found.metadata.items() if k in ("view_of", "wall_clock") and not view.topic
-            }
-            channel = self._writer.register_channel(
-                shown.topic, view.encoding, schema, {"view": "true", **metadata}
-            )
+            metadata = {k: v for k, v in found.metadata.items() if k in ("view_of", "wall_clock") and not view.topic}
+            channel = self._writer.register_channel(shown.topic, view.encoding, schema, {"view": "true", **metadata})
             self._shared[key] = channel
         return channel
 
@@ -216,22 +220,19 @@ class McapRecorder(Sink):
 
     def _flush_each_period(self) -> None:
         """Flush and fsync until the recorder closes; a slow disk holds up nobody but this thread."""
-        synced = time.monotonic()
-        while not self._stop.wait(self._config.flush):
-            with self._lock:
-                writer = self._writer
-                if writer is None:
-                    return
-                try:
-                    writer.flush()
-                except OSError as error:
-                    self._failure = error
-            if self._config.fsync and time.monotonic() - synced >= self._config.fsync:
-                try:
+        config = self._config
+        flushes_a_sync = max(round(config.fsync / config.flush), 1)
+        flushes = 0
+        while not self._stop.wait(config.flush):
+            flushes += 1
+            try:
+                with self._lock:
+                    if self._writer is not None:
+                        self._writer.flush()
+                if config.fsync and flushes % flushes_a_sync == 0:
                     sync(self._file)
-                except OSError as error:
-                    self._failure = error
-                synced = time.monotonic()
+            except OSError as error:
+                self._failure = error
 
     def _report_failure(self) -> None:
         """Say once that writing fails, and once that it goes on."""
@@ -245,11 +246,9 @@ class McapRecorder(Sink):
                 f"{self.path}: {failure.strerror}: what is written is kept ({writer.size} bytes), "
                 "messages are dropped until it can grow again",
             )
-        elif writer.size > self._failed_size:
+        elif writer.size > self._failed_size + 2 * self._config.chunk_size:  # not just what still found room
             self._failed_size, self._failure = -1, None
-            self.context.report(
-                "warning", f"{self.path}: recording again; {writer.dropped} messages were dropped"
-            )
+            self.context.report("warning", f"{self.path}: recording again; {writer.dropped} records were dropped")
 
 
 def _text(value: Any) -> str:

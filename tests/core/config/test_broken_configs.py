@@ -245,13 +245,13 @@ def test_all_problems_come_at_once(shelf, valid, write):
     text = text.replace("${far}", "far").replace("log.scan", "lgo.scan").replace("plugin: ekf", "plugin: efk")
     with pytest.raises(ConfigError) as caught:
         load(write(text), shelf, environment={})
-    assert {problem.path for problem in caught.value.problems} == {
+    assert [problem.path for problem in caught.value.problems] == [  # in the order of the lines
         "clock",
-        "nodes.map.options.spline-surface.degree",
-        "nodes.map.range_max",
-        "nodes.localizer.inputs.scan",
         "nodes.prior.plugin",
-    }
+        "nodes.map.range_max",
+        "nodes.map.options.spline-surface.degree",
+        "nodes.localizer.inputs.scan",
+    ]
 
 
 def test_one_mistake_is_one_problem(shelf, valid, write):
@@ -310,7 +310,7 @@ def test_unreadable_and_huge_files(shelf, write, monkeypatch):
 def test_secret_is_not_in_the_message(shelf, write):
     text = "pipeline: a\nnodes: {r: {plugin: rig, token: [hunter2, 5]}, s: {plugin: rig, token: 778899}}\n"
     with pytest.raises(ConfigError) as caught:
-        load(write(text), shelf, ["nodes.s.password=hunter3"])
+        load(write(text), shelf, ["nodes.s.password=hunter3", "nodes.t={plugin: ekf, token: hunter5}"])
     text = str(caught.value)
     assert "***" in text
-    assert not any(secret in text for secret in ("hunter2", "hunter3", "778899"))
+    assert not any(secret in text for secret in ("hunter2", "hunter3", "hunter5", "778899"))

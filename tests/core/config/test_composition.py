@@ -53,10 +53,7 @@ def test_include_cycle_shows_the_chain(shelf, write):
     write("include: b.yaml\n", "a.yaml")
     write("include: c.yaml\n", "b.yaml")
     write("include: b.yaml\n", "c.yaml")
-    assert (
-        failing("a.yaml", shelf)
-        == "c.yaml:1:10: include: files include each other: b.yaml -> c.yaml -> b.yaml"
-    )
+    assert failing("a.yaml", shelf) == "c.yaml:1:10: include: files include each other: b.yaml -> c.yaml -> b.yaml"
 
 
 def test_one_file_may_be_included_twice_but_not_for_ever(shelf, write):
@@ -132,9 +129,7 @@ def test_whole_references_keep_their_type(shelf, write):
 
 def test_environment_does_not_leak_into_other_types(shelf, write):
     path = write("pipeline: a\nnodes: {r: {plugin: rig, limit: '${L}'}}\n")
-    assert "p.yaml:2:33: nodes.r.limit: expected a number [m/s], got 'fast'" in failing(
-        path, shelf, (), {"L": "fast"}
-    )
+    assert "p.yaml:2:33: nodes.r.limit: expected a number [m/s], got 'fast'" in failing(path, shelf, (), {"L": "fast"})
 
 
 def test_variable_default_when_null(shelf, write):
@@ -157,8 +152,7 @@ def test_environment_that_is_no_text(shelf, write):
     ("head", "expected"),
     [
         (
-            "vars:\n  v0: [1, 1]\n"
-            + "".join(f"  v{n}: ['${{v{n - 1}}}', '${{v{n - 1}}}']\n" for n in range(1, 30)),
+            "vars:\n  v0: [1, 1]\n" + "".join(f"  v{n}: ['${{v{n - 1}}}', '${{v{n - 1}}}']\n" for n in range(1, 30)),
             "large",
         ),
         (
@@ -221,9 +215,7 @@ def test_override_of_a_section_merges(shelf, valid, write):
 
 
 def test_override_refers_to_variables_and_environment(shelf, valid, write):
-    pipeline = load(
-        write(valid), shelf, ["nodes.map.range_max=${R}", "nodes.log.path=${far}.clf"], {"R": "7"}
-    )
+    pipeline = load(write(valid), shelf, ["nodes.map.range_max=${R}", "nodes.log.path=${far}.clf"], {"R": "7"})
     assert pipeline.nodes["map"].config.range_max == 7.0
     assert pipeline.nodes["log"].config.path == "30.0.clf"
     assert str(pipeline.origins["nodes.map.range_max"]) == "--set nodes.map.range_max=${R} via env R"
@@ -263,7 +255,7 @@ def test_override_refers_to_variables_and_environment(shelf, valid, write):
 )
 def test_wrong_override_points_at_the_argument(argument, expected, shelf, valid, write):
     text = failing(write(valid), shelf, [argument])
-    assert text.startswith("--set " + argument.encode(errors="replace").decode()[:60])
+    assert text.startswith("--set " + argument.replace("\udcff", r"\udcff")[:60])
     assert "\n" not in text
     for fragment in expected:
         assert fragment in text

@@ -101,6 +101,11 @@ def test_show_with_origins(shelf, valid, write):
     assert yaml.safe_load(shown) == yaml.safe_load(show(pipeline)) == pipeline.resolved
 
 
+def test_show_survives_odd_arguments(shelf, valid, write):
+    pipeline = load(write(valid), shelf, ["nodes.log.path='a\n\n  # b: c\x1b'".replace("\x1b", "")], {})
+    assert yaml.safe_load(show(pipeline, origin=True)) == pipeline.resolved
+
+
 def test_secrets_are_masked(shelf, write):
     text = (
         "pipeline: a\nvars: {my_password: hunter2}\n"
@@ -150,9 +155,7 @@ def test_any_pipeline_round_trips(rigs, rate, shelf, tmp_path):
     (tmp_path / "a.yaml").write_text(dump({"pipeline": "p", "rate": rate, "nodes": _escape(nodes)}), "utf-8")
     first = load(tmp_path / "a.yaml", shelf, environment={})
     for name, rig in nodes.items():
-        assert all(
-            getattr(first.nodes[name].config, key) == rig[key] for key in ("token", "limit") if key in rig
-        )
+        assert all(getattr(first.nodes[name].config, key) == rig[key] for key in ("token", "limit") if key in rig)
     (tmp_path / "b.yaml").write_text(dump(first.resolved), "utf-8")
     assert load(tmp_path / "b.yaml", shelf, environment={}) == first
 
