@@ -11,6 +11,7 @@ BUILTINS = (
     "knotwork.plugins.localizers.gauss_newton",
     "knotwork.plugins.observers.ekf",
     "knotwork.plugins.policies.follow_path",
+    "knotwork.plugins.policies.teleop_keyboard",
     "knotwork.plugins.sinks.map_export",
     "knotwork.plugins.sinks.map_image",
     "knotwork.plugins.sinks.mcap",
