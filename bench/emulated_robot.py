@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         pipeline = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         _wait(pipeline, arguments, folder)
         pipeline.send_signal(signal.SIGINT)
-        pid, status, used = os.wait4(pipeline.pid, 0)
+        _, status, used = os.wait4(pipeline.pid, 0)
         pipeline.returncode = os.waitstatus_to_exitcode(status)
     finally:
         robot.send_signal(signal.SIGTERM)

@@ -88,6 +88,8 @@ def measure(case: Case, folder: Path, seed: int = 0) -> float:
         try:
             _await_speed(robot, process)
             stamp = _fail(case, robot, process, out)
+            if not any(abs(sample.left) > _SPEED for sample in robot.wheels if abs(sample.stamp - stamp) < 50_000_000):
+                raise DroveOff(f"{case.name}: the wheels stood before it")
             rest = robot.rest_after(stamp, timeout=10.0, settle=1.0)
             if rest is None:
                 raise DroveOff(f"{case.name}: the wheels still turn after 10 s")

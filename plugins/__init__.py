@@ -2,6 +2,7 @@
 
 BUILTINS = (
     "knotwork.plugins.drivers.carmen",
+    "knotwork.plugins.drivers.dynamixel_wheels",
     "knotwork.plugins.drivers.gazebo_text",
     "knotwork.plugins.drivers.lds01",
     "knotwork.plugins.drivers.minesrover",

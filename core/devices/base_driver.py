@@ -45,6 +45,7 @@ class BaseDriver(Driver):
         self.safety = safety
         self.supervisor = Supervisor(safety, separation, fastest, context.report)
         self.latency = Latency()
+        self.lateness = Latency()  # of the loop: how well the host keeps time
         self.discontinuity = False  # the next odometry cannot be compared with the one before
         self._lidar: PacketSource | None = context.uses.get("lidar") if safety.lidar_silence > 0 else None
         self._wake = Wake()
@@ -148,7 +149,11 @@ class BaseDriver(Driver):
 
     def statistics(self) -> dict[str, float]:
         """Return the safety counters and how long commands took to be written."""
-        return {**self.supervisor.counters, **self.latency.summary("command_latency")}
+        return {
+            **self.supervisor.counters,
+            **self.latency.summary("command_latency"),
+            **self.lateness.summary("loop_late"),
+        }
 
     # The thread.
 
@@ -193,6 +198,7 @@ class BaseDriver(Driver):
         while not self._ended:
             now = clock.epoch()
             if now >= due:
+                self.lateness.add(now - due)
                 due = max(due + _PERIOD, now)
                 if self._poll(now):
                     self._good = now

@@ -25,6 +25,32 @@ class Refused(Exception):
         self.packet = packet
 
 
+class LineFigures:
+    """Counters of a line over all its connections."""
+
+    def __init__(self) -> None:
+        self._bus: DynamixelBus | None = None
+        self._past: dict[str, float] = {}
+
+    def attach(self, bus: "DynamixelBus") -> None:
+        """Count on with a new connection."""
+        self._past = self.summary()
+        self._bus = bus
+
+    def summary(self) -> dict[str, float]:
+        """Return the counters."""
+        bus = self._bus
+        if bus is None:
+            return self._past
+        present = {
+            "rejected_packets": bus.parser.rejected,
+            "skipped_bytes": bus.parser.skipped,
+            "retries": bus.retries,
+            "unanswered": bus.failures,
+        }
+        return {name: value + self._past.get(name, 0) for name, value in present.items()}
+
+
 class DynamixelBus:
     """Transactions over a port; belongs to one thread.
 

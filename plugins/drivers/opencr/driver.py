@@ -8,13 +8,14 @@ import numpy as np
 from knotwork.core import clock
 from knotwork.core.contracts import Context
 from knotwork.core.devices.base_driver import BaseDriver
-from knotwork.core.devices.dynamixel_bus import DynamixelBus
+from knotwork.core.devices.dynamixel_bus import DynamixelBus, LineFigures
 from knotwork.core.devices.serial_port import SerialPort
 from knotwork.core.devices.wheel_odometry import WheelOdometry
 from knotwork.core.errors import DriverError
 from knotwork.core.geometry import wrap
 from knotwork.core.messages import Battery, Imu
 from knotwork.core.protocols import opencr as table
+from knotwork.core.safety.frozen import FrozenWheels
 from knotwork.core.world.kinematics import body_twist
 from knotwork.plugins.drivers.opencr import Config
 from knotwork.plugins.drivers.opencr.board import GEOMETRIES, Board, quantised
@@ -22,7 +23,6 @@ from knotwork.plugins.drivers.opencr.board import GEOMETRIES, Board, quantised
 _REFRESH = 100_000_000  # ns between heartbeats, and between repeats of an unchanged command
 _SLOW = 1_000_000_000  # ns between readings of battery and torque
 _LOW_FOR = 3_000_000_000  # ns; the battery's voltage dips when the robot sets off
-_FROZEN_FOR = 1_000_000_000  # ns
 
 
 class OpenCr(BaseDriver):
@@ -35,20 +35,23 @@ class OpenCr(BaseDriver):
         self.geometry = GEOMETRIES["burger" if config.model == "auto" else config.model]
         super().__init__(context, config.safety, self.geometry.separation, self.geometry.fastest)
         self._port: SerialPort | None = None
-        self._past: dict[str, float] = {}  # counters of earlier connections
+        self._line = LineFigures()
+        self._frozen = FrozenWheels()
+        self._guarded = 0
         self._odometry: WheelOdometry | None = None
         self._yaw: float | None = None
         self._written: tuple[int, int] | None = None
         self._refreshed = self._slow = 0
         self._stands = True
         self._low_since: int | None = None
-        self._driven_since: int | None = None
 
     def connect(self, first: bool) -> None:
         """Open the port and identify the board; the first time, calibrate its gyro."""
         self._port = SerialPort(self.config.port, table.BAUD)
         try:
-            self.board = Board(DynamixelBus(self._port))
+            bus = DynamixelBus(self._port)
+            self._line.attach(bus)
+            self.board = Board(bus)
             self._port.flush_input()
             model, firmware = self.board.identify()
             if first:
@@ -122,7 +125,8 @@ class OpenCr(BaseDriver):
         if due and self.reading_well(now):
             self.board.beat()
             self._refreshed = now
-        self._watch_wheels(command, now)
+        if self._frozen.look(command != (0, 0), self._odometry.moved if self._odometry else 0, now):
+            self.supervisor.fault("the wheels do not turn though they are told to")
         return sent
 
     def standing(self) -> bool:
@@ -144,13 +148,14 @@ class OpenCr(BaseDriver):
     def disconnect(self) -> None:
         """Close the port."""
         if self._port is not None:
-            self._note()
+            self._guarded += self.board.guarded
             self._port.close()
             self._port = None
 
     def statistics(self) -> dict[str, float]:
         """Add what went wrong on the line."""
-        figures = {**super().statistics(), **self._line()}
+        figures = {**super().statistics(), **self._line.summary()}
+        figures["guarded_reads"] = self._guarded + (self.board.guarded if self._port is not None else 0)
         if self._odometry is not None:
             figures |= {"rejected_readings": self._odometry.rejected, "encoder_restarts": self._odometry.restarts}
         return figures
@@ -194,29 +199,3 @@ class OpenCr(BaseDriver):
         self._low_since = (self._low_since or now) if low else None
         if not self.board.torque_is_on() and self.supervisor.state == "ready":
             self.supervisor.fault("the motors' torque is off")
-
-    def _watch_wheels(self, command: tuple[int, int], now: int) -> None:
-        """Fault when wheels that are told to turn do not."""
-        odometry = self._odometry
-        if command == (0, 0) or odometry is None:
-            self._driven_since = None
-        elif self._driven_since is None:
-            self._driven_since = now
-        elif now - max(self._driven_since, odometry.moved) > _FROZEN_FOR:
-            self.supervisor.fault("the wheels do not turn though they are told to")
-
-    def _note(self) -> None:
-        """Keep the counters of a bus that ends."""
-        self._past = self._line()
-
-    def _line(self) -> dict[str, float]:
-        if self._port is None:
-            return self._past
-        bus = self.board.bus
-        present = {
-            "rejected_packets": bus.parser.rejected,
-            "skipped_bytes": bus.parser.skipped,
-            "retries": bus.retries,
-            "guarded_reads": self.board.guarded,
-        }
-        return {name: value + self._past.get(name, 0) for name, value in present.items()}

@@ -29,7 +29,6 @@ class TeleopKeyboard(Policy):
         self._thread: Thread | None = None
         self._before: list[Any] | None = None
         self._hung_up = False
-        self._ended = False
         self._descriptor = -1
         context.every(1.0 / config.rate, self._send)
 
@@ -50,7 +49,6 @@ class TeleopKeyboard(Policy):
 
     def close(self) -> None:
         """Give the terminal back."""
-        self._ended = True
         self._wake.set()
         if self._thread is not None:
             self._thread.join(1.0)
@@ -68,10 +66,10 @@ class TeleopKeyboard(Policy):
 
     def _read(self) -> None:
         pending = b""
-        while not self._ended:
-            select.select([self._descriptor, self._wake.fileno()], [], [])
-            if self._ended:
-                return
+        while True:
+            ready = select.select([self._descriptor, self._wake.fileno()], [], [])[0]
+            if self._descriptor not in ready:
+                return  # woken: the run has ended
             try:
                 data = os.read(self._descriptor, 64)
             except OSError:
