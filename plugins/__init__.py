@@ -1,6 +1,7 @@
 """The plugins that ship with Knotwork; each registers as a third party's would, from this table."""
 
 BUILTINS = (
+    "knotwork.plugins.drivers.can_base",
     "knotwork.plugins.drivers.carmen",
     "knotwork.plugins.drivers.dynamixel_wheels",
     "knotwork.plugins.drivers.gazebo_text",

@@ -88,6 +88,10 @@ class BaseDriver(Driver):
     def disconnect(self) -> None:
         """Close the device, whatever state it is in."""
 
+    def pause(self, seconds: float, wake: Wake) -> None:
+        """Wait, at most until `wake` is set."""
+        wake.wait(seconds)
+
     def trouble(self) -> str:
         """Return why the device must not move now, "" for nothing."""
         return ""
@@ -208,7 +212,7 @@ class BaseDriver(Driver):
             if self.supervisor.counters.get("rearmed", 0) != armed:
                 armed = self.supervisor.counters["rearmed"]
                 self.engage()
-            self._wake.wait((due - clock.epoch()) * 1e-9)
+            self.pause((due - clock.epoch()) * 1e-9, self._wake)
 
     def _write(self) -> None:
         supervisor = self.supervisor
@@ -241,7 +245,7 @@ class BaseDriver(Driver):
         while clock.monotonic() < until and not (self.supervisor.standing and self.standing()):
             self._poll(clock.epoch())
             self._write()
-            self._wake.wait(_PERIOD * 1e-9)
+            self.pause(_PERIOD * 1e-9, self._wake)
         self.release()
 
     def _poll(self, now: int) -> bool:

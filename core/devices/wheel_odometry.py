@@ -23,8 +23,8 @@ class WheelOdometry:
     ----------
     radius, separation
         Of the wheels, between the wheels [m].
-    ticks
-        Counts a turn of a wheel.
+    tick
+        Angle of a wheel from a count to the next [rad].
     fastest
         Limit of a rim [m/s].
     gyro
@@ -41,15 +41,15 @@ class WheelOdometry:
     """
 
     def __init__(
-        self, radius: float, separation: float, ticks: int, fastest: float, *, gyro: bool, covariance: bool
+        self, radius: float, separation: float, tick: float, fastest: float, *, gyro: bool, covariance: bool
     ) -> None:
         parameters = BaseParameters(
-            wheel_radius=radius, wheel_separation=separation, wheel_speed_max=fastest, ticks=ticks
+            wheel_radius=radius, wheel_separation=separation, wheel_speed_max=fastest, ticks=round(_TURN / tick)
         )
         self.rejected = self.restarts = 0
         self.moved = 0
         self._reckoning = DeadReckoning(parameters, gyro, covariance)
-        self._angle_of_tick = _TURN / ticks
+        self._angle_of_tick = tick
         self._per_second = 2.0 * fastest / radius / self._angle_of_tick
         self._angles = [0.0, 0.0]
         self._last: tuple[int, int] | None = None

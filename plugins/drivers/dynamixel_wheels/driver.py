@@ -1,5 +1,7 @@
 """The driver of two wheel motors."""
 
+from math import tau
+
 from knotwork.core import clock
 from knotwork.core.contracts import Context
 from knotwork.core.devices.base_driver import BaseDriver
@@ -127,7 +129,7 @@ class DynamixelWheels(BaseDriver):
         return WheelOdometry(
             config.wheel_radius,
             config.wheel_separation,
-            table.TICKS,
+            tau / table.TICKS,
             fastest,
             gyro=False,
             covariance=config.covariance,

@@ -1,6 +1,6 @@
 """The driver of a TurtleBot3's base."""
 
-from math import atan2
+from math import atan2, tau
 from time import sleep
 
 import numpy as np
@@ -172,7 +172,7 @@ class OpenCr(BaseDriver):
         self._odometry = WheelOdometry(
             geometry.radius,
             geometry.separation,
-            table.TICKS,
+            tau / table.TICKS,
             geometry.fastest,
             gyro=config.odometry == "gyro",
             covariance=config.covariance,
