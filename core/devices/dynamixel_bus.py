@@ -14,6 +14,8 @@ from knotwork.core.protocols.dynamixel import Packet
 
 _PATIENCE = 0.025  # s for an answer; an FTDI adapter may hold it back for 16 ms
 _ATTEMPTS = 3
+# A request whose length was damaged has the device wait for bytes that never come; these end that.
+_FILL = bytes(1024)
 
 
 class Refused(Exception):
@@ -120,7 +122,9 @@ class DynamixelBus:
         attempts: int = _ATTEMPTS,
     ) -> dict[int, Packet]:
         for attempt in range(attempts):
-            self.retries += attempt > 0
+            if attempt > 0:
+                self.retries += 1
+                self.port.write(_FILL)
             # A late answer to an earlier question must not be taken for this one's.
             self.port.flush_input()
             self.parser.reset()

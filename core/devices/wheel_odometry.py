@@ -29,6 +29,8 @@ class WheelOdometry:
         Limit of a rim [m/s].
     gyro
         The heading comes with `update`.
+    gyro_bias
+        Sigma of the gyro's bias [rad/s], for the covariance.
     covariance
         Odometry says how uncertain it is.
 
@@ -41,10 +43,22 @@ class WheelOdometry:
     """
 
     def __init__(
-        self, radius: float, separation: float, tick: float, fastest: float, *, gyro: bool, covariance: bool
+        self,
+        radius: float,
+        separation: float,
+        tick: float,
+        fastest: float,
+        *,
+        gyro: bool,
+        covariance: bool,
+        gyro_bias: float = 5e-4,
     ) -> None:
         parameters = BaseParameters(
-            wheel_radius=radius, wheel_separation=separation, wheel_speed_max=fastest, ticks=round(_TURN / tick)
+            wheel_radius=radius,
+            wheel_separation=separation,
+            wheel_speed_max=fastest,
+            ticks=round(_TURN / tick),
+            gyro_bias=gyro_bias,
         )
         self.rejected = self.restarts = 0
         self.moved = 0

@@ -2,7 +2,7 @@
 
 import struct
 from contextlib import suppress
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from knotwork.core.devices.dynamixel_bus import DynamixelBus, Refused
 from knotwork.core.devices.errors import NoAnswer
@@ -47,6 +47,12 @@ class Wheels(NamedTuple):
     velocity: tuple[float, float]
     ticks: tuple[int, int]
 
+    @classmethod
+    def of(cls, values: tuple[float, ...]) -> Self:
+        """Convert the registers' values."""
+        _, _, left, right, *ticks = values
+        return cls((left * table.VELOCITY_UNIT, right * table.VELOCITY_UNIT), (int(ticks[0]), int(ticks[1])))
+
 
 class Inertial(NamedTuple):
     """Angular velocity [rad/s], acceleration [m/s^2], orientation (w, x, y, z)."""
@@ -54,6 +60,11 @@ class Inertial(NamedTuple):
     angular_velocity: tuple[float, ...]
     acceleration: tuple[float, ...]
     orientation: tuple[float, ...]
+
+    @classmethod
+    def of(cls, values: tuple[float, ...]) -> Self:
+        """Convert the registers' values; the magnetometer's are left out."""
+        return cls(values[0:3], values[3:6], values[9:13])
 
 
 class Board:
@@ -132,16 +143,14 @@ class Board:
         values = struct.pack("<6i", v, 0, 0, 0, 0, w)
         self.bus.write(table.DEVICE, table.COMMAND_LINEAR[0].address, values)
 
-    def wheels(self) -> Wheels:
-        """Read the wheels."""
-        _, _, left, right, *ticks = self._block(_WHEELS)
-        unit = table.VELOCITY_UNIT
-        return Wheels((left * unit, right * unit), (int(ticks[0]), int(ticks[1])))
-
-    def inertial(self) -> Inertial:
-        """Read gyro, accelerometer and orientation."""
-        values = self._block(_INERTIAL)
-        return Inertial(values[0:3], values[3:6], values[9:13])
+    def state(self) -> tuple[Inertial, Wheels]:
+        """Read IMU and wheels, in one request: both are then of one instant."""
+        address, length = span(*_INERTIAL, *_WHEELS)
+        block = self.bus.read(table.DEVICE, address, length)
+        if damaged(block):
+            return Inertial.of(self._block(_INERTIAL)), Wheels.of(self._block(_WHEELS))
+        values = [tuple(r.unpack(block, address) for r in registers) for registers in (_INERTIAL, _WHEELS)]
+        return Inertial.of(values[0]), Wheels.of(values[1])
 
     def battery(self) -> tuple[float, float]:
         """Read voltage [V] and charge in [0, 1]."""
@@ -175,11 +184,14 @@ def quantised(v: float, w: float, geometry: Geometry) -> tuple[int, int]:
 
     A wheel that is asked for more than its limit keeps its last speed, so rounding up must not reach it.
     """
-    command = [round(v * 100.0), round(w * 100.0)]
-    while True:
-        half = 0.5 * geometry.separation * command[1]
-        rim = max(abs(command[0] - half), abs(command[0] + half)) * 0.01
-        if int(rim * geometry.units_per_speed) <= geometry.units:
-            return command[0], command[1]
-        larger = 0 if abs(command[0]) >= abs(half) else 1
-        command[larger] -= 1 if command[larger] > 0 else -1
+    half = 0.5 * geometry.separation
+
+    def taken(command: tuple[int, int]) -> bool:
+        rim = (abs(command[0]) + abs(command[1]) * half) * 0.01
+        return int(rim * geometry.units_per_speed) <= geometry.units
+
+    def error(command: tuple[int, int]) -> float:
+        return abs(command[0] * 0.01 - v) + abs(command[1] * 0.01 - w) * half
+
+    choices = [(a, b) for a in (round(v * 100.0), int(v * 100.0)) for b in (round(w * 100.0), int(w * 100.0))]
+    return min(filter(taken, choices), key=error, default=choices[-1])

@@ -22,6 +22,7 @@ from knotwork.plugins.drivers.opencr.board import GEOMETRIES, Board, quantised
 
 _REFRESH = 100_000_000  # ns between heartbeats, and between repeats of an unchanged command
 _SLOW = 1_000_000_000  # ns between readings of battery and torque
+_BIAS, _CALIBRATED_BIAS = 5e-4, 1e-4  # rad/s, sigma; the board counts in steps of 0.001 rad/s
 _LOW_FOR = 3_000_000_000  # ns; the battery's voltage dips when the robot sets off
 
 
@@ -77,9 +78,8 @@ class OpenCr(BaseDriver):
     def poll(self, now: int) -> bool:
         """Read wheels and IMU, now and then battery and torque."""
         before = clock.epoch()
-        wheels = self.board.wheels()
+        inertial, wheels = self.board.state()
         stamp = (before + clock.epoch()) // 2
-        inertial = self.board.inertial()
         w, x, y, z = inertial.orientation
         yaw = atan2(x * y + w * z, 0.5 - y * y - z * z)
         odometry = self._odometry
@@ -175,15 +175,16 @@ class OpenCr(BaseDriver):
             tau / table.TICKS,
             geometry.fastest,
             gyro=config.odometry == "gyro",
+            gyro_bias=_CALIBRATED_BIAS if config.calibrate_gyro else _BIAS,
             covariance=config.covariance,
         )
         voltage, charge = self.board.battery()
         self.context.report("info", f"{name}, firmware {firmware}, battery {voltage:.1f} V ({charge:.0%})")
 
     def _calibrate(self) -> None:
-        first = self.board.wheels()
+        first = self.board.state()[1]
         sleep(0.1)
-        if first.ticks != self.board.wheels().ticks:
+        if first.ticks != self.board.state()[1].ticks:
             raise DriverError(
                 "the wheels turn, and the gyro can only be calibrated at standstill",
                 where=self.config.port,
