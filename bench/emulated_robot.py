@@ -51,8 +51,10 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         paths = dict(robot.stdout.readline().strip().split(": ", 1) for _ in range(2))
         overrides = [f"vars.lidar={paths['lidar']}", f"vars.base={paths['base']}", "nodes.drive.loop=true"]
         overrides += [f"nodes.lidar.model={arguments.lidar}"]
+        # On a busy machine either process may pause for longer than a lidar may be silent.
+        overrides += ["nodes.base.safety.rearm=auto"]
         if arguments.base == "dynamixel":
-            overrides += ["nodes.base={plugin: dynamixel-wheels, port: '${base}'}"]
+            overrides += ["nodes.base={plugin: dynamixel-wheels, port: '${base}', safety: {rearm: auto}}"]
         command = [
             *_KNOTWORK, "run", "configs:turtlebot3-burger-path.yaml", "--out", str(out), "--quiet",
             *(part for o in [*overrides, *arguments.set] for part in ("--set", o)),

@@ -142,7 +142,7 @@ def test_scans_do_not_depend_on_how_the_bytes_are_cut(sizes):
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 2**32 - 1), drop=st.floats(0, 0.5), flip=st.floats(0, 0.5))
+@given(seed=st.integers(0, 2**32 - 1), drop=st.floats(0, 0.4), flip=st.floats(0, 0.4))
 def test_a_dirty_line_never_shows_a_range_that_was_not_sent(seed, drop, flip):
     """One fault a packet: two flipped bits can make up for each other in a sum of bytes."""
     random = np.random.default_rng(seed)
