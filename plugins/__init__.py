@@ -20,6 +20,7 @@ BUILTINS = (
     "knotwork.plugins.sinks.summary",
     "knotwork.plugins.sinks.trajectory",
     "knotwork.plugins.commands.demo",
+    "knotwork.plugins.commands.doctor",
     "knotwork.plugins.commands.emulate",
     "knotwork.plugins.commands.evaluate",
     "knotwork.plugins.commands.log",
