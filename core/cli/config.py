@@ -5,6 +5,7 @@ import sys
 
 from knotwork.core import config
 from knotwork.core.cli import pipeline_file
+from knotwork.core.manifest import Manifest
 from knotwork.core.registry import Registry
 
 
@@ -19,10 +20,26 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print it."""
-    registry = Registry()
     if arguments.action == "reference":
-        sys.stdout.write(config.reference(registry))
+        sys.stdout.write(config.reference(_Shipped()))
         return 0
-    pipeline = config.load(arguments.file, registry, overrides=arguments.overrides)
+    pipeline = config.load(arguments.file, Registry(), overrides=arguments.overrides)
     sys.stdout.write(config.show(pipeline, origin=arguments.origin))
     return 0
+
+
+class _Shipped:
+    """All plugins that ship, also those whose extra is not installed here: the same text on every machine."""
+
+    def __init__(self) -> None:
+        records = Registry(third_parties=False).records()
+        self._manifests = {r.name: r.manifest for r in records if r.manifest is not None}
+
+    def find(self, name: str) -> Manifest | None:
+        return self._manifests.get(name)
+
+    def names(self, kind: str | None = None) -> list[str]:
+        return [n for n, m in self._manifests.items() if kind is None or m.kind == kind]
+
+    def why_not(self, name: str) -> str:
+        return ""

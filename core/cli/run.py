@@ -20,7 +20,6 @@ from knotwork.core.registry import Registry
 
 if TYPE_CHECKING:
     from knotwork.core.config import Pipeline
-
     from knotwork.core.runtime import Result, Run
 
 _VERSIONS_OF = ("knotwork", "numpy", "numba", "scipy", "mcap", "pydantic")
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             sys.stderr.write(f"knotwork: {line}\n")
     if arguments.json:
         sys.stdout.write(json.dumps(_as_json(pipeline, out, result), indent=2) + "\n")
-    elif not arguments.quiet and result.statistics:
+    elif not arguments.quiet and result.statistics["nodes"]:
         sys.stdout.write(table(result.statistics))
         sys.stdout.write(f"{out}: {', '.join(sorted(p.name for p in out.iterdir()))}\n")
     return result.exit_code

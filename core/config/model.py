@@ -66,7 +66,6 @@ class NodeKeys(_Keys):
         {}, description="keys that one backend alone understands, by plugin name; the chosen one's apply"
     )
     queue: Queue | None = Field(None, description="queue before this node, where it has a thread of its own")
-    worker: bool = Field(False, description="runs in a thread of its own on the latest input (clock real)")
 
 
 RESERVED = frozenset(NodeKeys.model_fields)
@@ -94,7 +93,6 @@ class NodeSpec:
     uses: dict[str, str]
     inputs: dict[str, tuple[str, ...]]
     queue: Queue | None
-    worker: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -172,7 +172,7 @@ class _Resolution:
             return None
         own = {key: child for key, child in item.value.items() if key not in RESERVED}
         label = f"plugin {manifest.name!r}"
-        also = {"uses", "inputs", "options", "queue", "worker"}
+        also = {"uses", "inputs", "options", "queue"}
         config = check(
             manifest.config,
             container(own, item.where, key=item.key),
@@ -192,7 +192,6 @@ class _Resolution:
             uses=keys.uses,
             inputs={port: (one,) if isinstance(one, str) else tuple(one) for port, one in keys.inputs.items()},
             queue=keys.queue,
-            worker=keys.worker,
         )
 
     def _framework_keys(self, item: Item, path: Path, manifest: Manifest | None) -> NodeKeys | None:
@@ -290,8 +289,6 @@ def _resolved(keys: PipelineKeys, nodes: dict[str, NodeSpec]) -> dict[str, Any]:
             node["options"] = {spec.plugin: options}
         if spec.queue is not None:
             node["queue"] = _data(spec.queue)
-        if spec.worker:
-            node["worker"] = True
         data["nodes"][name] = node
     return data
 

@@ -130,8 +130,9 @@ class Run:
         """Build all nodes and compile their kernels; opens nothing."""
         try:
             self.out.mkdir(parents=True, exist_ok=True)
+            (self.out / "run.log").touch()  # a folder that cannot be written to is found out now, not at the end
         except OSError as error:
-            raise InputError(f"cannot make the run's folder: {error.strerror}", where=str(self.out)) from error
+            raise InputError(f"cannot make or write the run's folder: {error.strerror}", where=str(self.out)) from error
         self._assembly = assemble(
             self.pipeline,
             self.graph,

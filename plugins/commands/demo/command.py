@@ -16,8 +16,17 @@ class Demo(Command):
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add --out and --set."""
-        parser.add_argument("--out", metavar="DIR", default="runs/demo", help="folder for the results (default runs/demo)")
-        parser.add_argument("--set", dest="overrides", metavar="KEY=VALUE", action="append", default=[])
+        parser.add_argument(
+            "--out", metavar="DIR", default="runs/demo", help="folder for the results (default runs/demo)"
+        )
+        parser.add_argument(
+            "--set",
+            dest="overrides",
+            metavar="KEY=VALUE",
+            action="append",
+            default=[],
+            help="override one value of the pipeline",
+        )
 
     def run(self, arguments: argparse.Namespace) -> int:
         """Run it; returns the run's exit code."""
@@ -36,8 +45,8 @@ def _closing_lines(out: Path, summary: dict[str, object]) -> str:
     error = "no truth to compare with"
     if isinstance(truth, dict):
         error = (
-            f"position error {100 * truth['position_rms_m']:.1f} cm RMS, {100 * truth['position_max_m']:.1f} cm at most; "
-            f"heading {truth['heading_rms_deg']:.2f} deg RMS"
+            f"position error {100 * truth['position_rms_m']:.1f} cm RMS, {100 * truth['position_max_m']:.1f} cm at "
+            f"most; heading {truth['heading_rms_deg']:.2f} deg RMS"
         )
     return (
         f"\nmap picture: {out / 'map.png'}\nlog:         {out / 'log.mcap'}\n"

@@ -15,7 +15,7 @@ from knotwork.core.kernel import inlined, kernel
 from knotwork.core.robust import loss_terms
 from knotwork.core.splines.basis import locate
 from knotwork.core.splines.patch import cubic_add, cubic_norm, cubic_value, cubic_value_gradient
-from knotwork.core.splines.tiles import MASK, SIDE, claim_patch, in_one_tile, slot_of
+from knotwork.core.splines.tiles import MASK, claim_patch, in_one_tile, slot_of
 
 Array = NDArray[Any]
 

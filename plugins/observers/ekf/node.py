@@ -148,7 +148,7 @@ class Ekf(Observer):
         return self._instant(message.stamp, message.time)
 
     def _instant(self, stamp: int, time: int) -> Place:
-        """Return where a measurement belongs: at the odometry of its stamp, else at its stamp, never ahead of `time`."""
+        """Return where a measurement belongs: at its stamp's odometry, else at its stamp, never after `time`."""
         known = self._stamps.get(stamp)
         if known is not None:
             return known

@@ -197,10 +197,6 @@ BROKEN = {
     "options scalar": (swap("{kernel: nearest}", "nearest"), ["p.yaml:17:13", "a mapping of options"]),
     "queue policy": (swap("policy: block", "policy: drop"), ["p.yaml:22:56", "'drop-oldest'", "got 'drop'"]),
     "queue size": (swap("size: 1000", "size: 0"), ["p.yaml:22:42", ">= 1 [messages], got 0"]),
-    "worker": (
-        swap("{plugin: ekf}", "{plugin: ekf, worker: yes}"),
-        ["p.yaml:10:32", "true or false", "write true"],
-    ),
     # references
     "unknown variable": (
         swap("${far}", "${fra}"),

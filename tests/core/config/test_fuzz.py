@@ -45,7 +45,7 @@ SYNTAX = st.sampled_from([
     "`", "\x00", "\x85", "\ufeff", "\u2028",
 ])
 WORDS = [
-    "pipeline", "nodes", "vars", "include", "plugin", "uses", "inputs", "options", "queue", "worker", "size",
+    "pipeline", "nodes", "vars", "include", "plugin", "uses", "inputs", "options", "queue", "size",
     "policy", "grid", "rig", "carmen", "mcap", "m", "map", "scan", "mounts", "beams", "x", "token", "port",
     "rate",
 ]

@@ -30,7 +30,6 @@ def test_values(shelf, valid, write):
     assert localizer.inputs == {"scan": ("log.scan",)}
     assert (recorder.queue.size, recorder.queue.policy) == (1000, "block")
     assert surface.queue is None
-    assert not surface.worker
 
 
 def test_options_get_their_defaults_without_a_block(shelf, write):

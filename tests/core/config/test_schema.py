@@ -33,7 +33,6 @@ GOOD = {
     "include": ("pipeline: intel-surface", "include: [a.yaml]"),
     "include one": ("pipeline: intel-surface", "include: configs:a"),
     "several producers": ("scan: log.scan", "scan: [log.scan, log]"),
-    "worker": ("{plugin: ekf}", "{plugin: ekf, worker: true}"),
     "nested": (
         "{plugin: ekf}",
         "{plugin: rig, mount: {x: 1}, mounts: {a: {yaw: 2}}, beams: [{x: 1}], limit: null}",
