@@ -50,6 +50,10 @@ class Lidar(ABC):
         """Factor by which this run's ranges are wrong."""
         return self._sensor.scale
 
+    def begin(self) -> None:
+        """Start a turn now, already spinning."""
+        self._time = self._robot.time
+
     def power_on(self, now: int) -> None:
         """Spin up from rest, as after plugging in."""
         self.running = True

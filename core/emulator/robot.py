@@ -59,9 +59,7 @@ class Robot:
         self.obstacles = RayCaster(world)
         self.start = world.start if start is None else start
         self.base = SimulatedBase(parameters, self.obstacles, self.start, seed)
-        self.time = now
-        self.motion = Motion()
-        self.motion.append(Leg(now - _HISTORY, now, self.start, 0.0, 0.0))
+        self.begin(now)
         self.angles = (0.0, 0.0)
         self.wheels: deque[WheelSample] = deque(maxlen=_SAMPLES)
         self._yaw = self._ax = self._ay = self._span = 0.0
@@ -83,6 +81,12 @@ class Robot:
         rate = min(acceleration, most) if acceleration > 0.0 else most
         if rate != self.base.parameters.acceleration:
             self.base.parameters = self.parameters.model_copy(update={"acceleration": rate, "deceleration": rate})
+
+    def begin(self, now: int) -> None:
+        """Set the clock [ns since 1970] without moving; what took time before is not made up for."""
+        self.time = now
+        self.motion = Motion()
+        self.motion.append(Leg(now - _HISTORY, now, self.base.pose, 0.0, 0.0))
 
     def advance(self, now: int) -> None:
         """Move until `now` [ns]."""

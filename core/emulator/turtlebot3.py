@@ -152,7 +152,8 @@ class TurtleBot3:
 
     def start(self) -> None:
         """Begin to live."""
-        self.robot.advance(epoch())
+        self.robot.begin(epoch())
+        self.lidar.begin()
         self._loop.start()
 
     def stop(self) -> None:

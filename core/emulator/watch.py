@@ -11,7 +11,7 @@ from knotwork.core.emulator.robot import Robot
 from knotwork.core.errors import InputError
 from knotwork.core.evaluation.tum import tum_line
 
-_PERIOD = 20_000_000  # ns between poses of the true path
+_PERIOD = 10_000_000  # ns between poses of the true path
 _STANDING = 1e-3  # m/s
 _KEPT = 100_000
 
@@ -81,7 +81,7 @@ class Watch:
             self._moving = moving
             self.note(stamp, "moving" if moving else "standing", {})
         if stamp >= self._next:
-            self._next = max(self._next + _PERIOD, stamp)
+            self._next = max(self._next + _PERIOD, stamp + _PERIOD // 2)
             here = self._robot.pose("world")
             self.length += ((here[0] - self._last[0]) ** 2 + (here[1] - self._last[1]) ** 2) ** 0.5
             self._last = here

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
 from knotwork.core.manifest import Manifest, PluginConfig, Port, Use, quantity
 

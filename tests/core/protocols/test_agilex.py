@@ -4,8 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-pytest.importorskip("cantools")
-
 from knotwork.core.protocols import agilex
 
 
