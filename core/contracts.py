@@ -191,7 +191,7 @@ class Prior(Protocol):
     """What a localiser asks before it looks at a scan."""
 
     def prior(self, time: int) -> "PriorEstimate":
-        """Return the predicted pose at `time` [ns]."""
+        """Return the predicted pose at `time` [ns]: the `stamp` of what was measured, or the run's time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,3 +18,8 @@ def kernel(function: F) -> F:
     another file calls, delete the `__pycache__/*.nbi` files: Numba sees only a file's own changes.
     """
     return cast(F, njit(cache=True, nogil=True, fastmath=_FASTMATH)(function))
+
+
+def inlined(function: F) -> F:
+    """Compile a step of a kernel that is worth more when its caller's loop contains it than when called."""
+    return cast(F, njit(cache=True, nogil=True, fastmath=_FASTMATH, forceinline=True)(function))

@@ -14,6 +14,8 @@ from knotwork.core.config.tree import Item, Path, Problems, is_secret, plain, sh
 _FAULTS = (ArithmeticError, AttributeError, LookupError, TypeError)
 
 
+MAX_ERRORS = 500  # of one model that are looked at
+
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -50,18 +52,16 @@ def check(
     except ValidationError as error:
         first = error
     details: list[Any] = first.errors(include_url=False)
-    as_text = frozenset(
-        place
-        for place in (_place(item, one) for one in details)
-        if (at := item.at(place)) and at.text is not None
-    )
+    places = [_place(item, one) for one in details[:MAX_ERRORS]]
+    as_text = frozenset(place for place in places if (at := item.at(place)) and at.text is not None)
     if as_text:
         try:
             return model.model_validate_json(json.dumps(plain(item, as_text)), strict=True)
         except (ValidationError, *_FAULTS) as error:
             if isinstance(error, ValidationError) and error.error_count() < first.error_count():
                 details = error.errors(include_url=False)
-    _Explanation(model, item, path, problems, label, frozenset(also)).explain(details)
+    problems.more += len(details[MAX_ERRORS:])
+    _Explanation(model, item, path, problems, label, frozenset(also)).explain(details[:MAX_ERRORS])
     return None
 
 
@@ -119,7 +119,8 @@ class _Explanation:
             hint = self.problems.nearest(place[-1], names) or "it takes no keys"
             self.problems.add(at.key or at.where, path, f"unknown key{whose}", hint)
         else:
-            expected = " or ".join(dict.fromkeys(_expected(one) for one in errors))
+            expected, *others = dict.fromkeys(_expected(one) for one in errors)
+            expected = " or ".join([expected, *(one.removeprefix("expected ") for one in others)])
             unit = _unit(self.model, place)
             secret = any(is_secret(part) for part in (*path, *at.via))
             own_words = kind in ("value_error", "assertion_error")

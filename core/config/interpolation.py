@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from knotwork.core.config.tree import MAX_SIZE, Item, Path, Problems, broken, container, is_secret, scalar
+from knotwork.core.config.tree import MAX_SIZE, Item, Path, Problems, broken, container, scalar
 from knotwork.core.config.yaml_source import read_scalar
 
 MAX_LEVEL = 100  # vars within vars within lists
@@ -65,9 +65,7 @@ def _reference(inside: str) -> Reference:
     name, colon, default = inside.partition(":-")
     matched = _NAME.match(name)
     if not matched:
-        raise ValueError(
-            f"${{{inside[:40]}}} is no reference: expected ${{name}}, ${{NAME:-default}} or ${{env:NAME}}"
-        )
+        raise ValueError(f"${{{inside[:40]}}} is no reference: expected ${{name}}, ${{NAME:-default}} or ${{env:NAME}}")
     return Reference(matched[2], bool(matched[1]), default if colon else None)
 
 
@@ -145,9 +143,7 @@ class _Interpolation:
                 return broken(item)
             if isinstance(found.value, dict | list) or found.value is None:
                 what = "null" if found.value is None else "a list or mapping"
-                self.problems.add(
-                    item.where, path, f"${{{part.name}}} is {what} and cannot stand inside a text"
-                )
+                self.problems.add(item.where, path, f"${{{part.name}}} is {what} and cannot stand inside a text")
                 return broken(item)
             texts.append(found.text if found.text is not None else _written(found.value))
             self.spent += len(texts[-1])
@@ -165,9 +161,7 @@ class _Interpolation:
                 via = f"var {name} ({declared.where})"
                 return replace(found, via=(via, *found.via))
             if reference.default is None:
-                self.problems.add(
-                    item.where, path, f"the variable {name!r} must be given", f"--set vars.{name}=VALUE"
-                )
+                self.problems.add(item.where, path, f"the variable {name!r} must be given", f"--set vars.{name}=VALUE")
                 return broken(item)
         else:
             text = self.environment.get(name)
@@ -178,27 +172,18 @@ class _Interpolation:
             if isinstance(default.value, str) and not default.via:
                 default = self._typed(default.value, "", item, path)
             return replace(default, via=(*default.via, f"default of ${{{name}}}"))
-        names = [] if reference.only_environment else [*self.vars]
         kind = "environment variable" if reference.only_environment else "variable"
-        close = (
-            [one for one in self.environment if not is_secret(one)]
-            if reference.only_environment or not names
-            else []
-        )
-        hint = self.problems.nearest(name, [*names, *close]) if names else self._close(name, close)
+        declared_names = [] if reference.only_environment else [one for one in self.vars if one != name]
+        hint = self.problems.nearest(name, [*declared_names, *self.environment])
+        if not hint.startswith("did you mean"):
+            hint = f"set it, or write ${{{name}:-DEFAULT}}"
         self.problems.add(item.where, path, f"there is no {kind} {name!r}", hint)
         return broken(item)
-
-    def _close(self, name: str, names: list[str]) -> str:
-        hint = self.problems.nearest(name, names)
-        return hint if hint.startswith("did you mean") else f"set it, or write ${{{name}:-DEFAULT}}"
 
     def _var(self, name: str, item: Item, path: Path) -> Item:
         if name in self.open:
             chain = " -> ".join([*self.open[self.open.index(name) :], name])
-            self.problems.add(
-                self.vars[name].where, ("vars", name), f"variables refer to each other: {chain}"
-            )
+            self.problems.add(self.vars[name].where, ("vars", name), f"variables refer to each other: {chain}")
             return broken(item)
         if name not in self.known:
             self.open.append(name)

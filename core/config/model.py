@@ -31,9 +31,7 @@ class _Keys(BaseModel):
 class Queue(_Keys):
     """A bounded queue at a thread border."""
 
-    size: int = Field(
-        100, ge=1, le=1_000_000, description="messages it holds", json_schema_extra={"unit": "messages"}
-    )
+    size: int = Field(100, ge=1, le=1_000_000, description="messages it holds", json_schema_extra={"unit": "messages"})
     policy: Literal["block", "drop-oldest", "latest"] | None = Field(
         None, description="what happens when it is full; null: block in replay, drop-oldest otherwise"
     )

@@ -3,7 +3,17 @@
 from dataclasses import replace
 
 from knotwork.core.config.sources import Sources
-from knotwork.core.config.tree import MAX_DEPTH, Item, Path, Problems, container, dotted, is_secret, short
+from knotwork.core.config.tree import (
+    MAX_DEPTH,
+    Item,
+    Path,
+    Problems,
+    container,
+    dotted,
+    is_secret,
+    one_line,
+    short,
+)
 from knotwork.core.config.yaml_source import compose
 from knotwork.core.errors import ConfigError
 
@@ -23,9 +33,7 @@ def override(root: Item, argument: str, problems: Problems) -> Item:
     path: Path = tuple(key.strip().split("."))
     where = label(argument)
     if not equals or not key.strip() or "" in path or len(path) >= MAX_DEPTH:
-        problems.add(
-            where, "", "expected KEY=VALUE with a dotted key", "for example --set nodes.map.plugin=grid"
-        )
+        problems.add(where, "", "expected KEY=VALUE with a dotted key", "for example --set nodes.map.plugin=grid")
         return root
     if not text.strip():
         problems.add(where, path, "the value is empty", "~ is null, '' is an empty text")
@@ -45,8 +53,9 @@ def override(root: Item, argument: str, problems: Problems) -> Item:
 def label(argument: str) -> str:
     """Return the argument as it is shown: cut to a readable length, secrets masked."""
     key, equals, text = argument.partition("=")
-    shown = "***" if is_secret(key) else text
-    line = f"--set {key}{equals}{shown}".encode(errors="replace").decode().replace("\n", " ")
+    holds_secret = is_secret(key) or any(is_secret(part) for part in text.split(":")[:-1])  # {token: x}
+    shown = "***" if holds_secret else text
+    line = one_line(f"--set {key}{equals}{shown}")
     return line if len(line) <= 100 else line[:97] + "..."
 
 
@@ -68,7 +77,7 @@ class _Override:
         return root
 
     def _is_known(self, root: Item, section: str, name: str) -> bool:
-        """Say whether a variable or node exists, or is a new node that brings its plugin; else add a problem."""
+        """Say whether a variable or node exists, or is a new node with its plugin; else add a problem."""
         item = root.child(section)
         known = item.mapping() if item else {}
         if name in known or section not in ("vars", "nodes"):
@@ -79,9 +88,7 @@ class _Override:
             return False
         if self.value.child("plugin") if len(self.path) == 2 else self.path[2:] == ("plugin",):
             return True
-        self._wrong(
-            f"unknown node {name!r}", hint or f"a new node begins with --set nodes.{name}.plugin=NAME"
-        )
+        self._wrong(f"unknown node {name!r}", hint or f"a new node begins with --set nodes.{name}.plugin=NAME")
         return False
 
     def _put(self, item: Item, index: int) -> Item | None:
@@ -103,9 +110,7 @@ class _Override:
             elements = [*item.value[:position], changed, *item.value[position + 1 :]]
             return container(elements, item.where, key=item.key, via=item.via)
         if item.value is not None and not isinstance(item.value, dict):
-            self._wrong(
-                f"{below} is {short(item.value)}, which has no {short(part)}", f"set {below} as a whole"
-            )
+            self._wrong(f"{below} is {short(item.value)}, which has no {short(part)}", f"set {below} as a whole")
             return None
         return self._put_entry(item, str(part), index)
 

@@ -100,9 +100,7 @@ def _port(direction: str, name: str, port: Any) -> tuple[str, ...]:
 
 def table(model: type[BaseModel]) -> str:
     """Return the table of a config model's keys: key, type, unit, default, meaning; "" without keys."""
-    rows = [
-        (f"`{key}`", kind, unit, default, meaning) for key, kind, unit, default, meaning in rows_of(model)
-    ]
+    rows = [(f"`{key}`", kind, unit, default, meaning) for key, kind, unit, default, meaning in rows_of(model)]
     return _markdown(("key", "type", "unit", "default", "meaning"), rows) if rows else ""
 
 
@@ -169,11 +167,7 @@ def _list_type(schema: Schema, defs: dict[str, Schema]) -> str:
     low, high = schema.get("minItems"), schema.get("maxItems")
     count = f"{low} " if low == high and low is not None else f"{low} to {high} " if low and high else ""
     inner = schema.get("items") or (schema.get("prefixItems") or [{}])[0]
-    return (
-        f"list of {count}({_type(inner, defs)})"
-        if isinstance(inner, dict) and inner
-        else f"list of {count}values"
-    )
+    return f"list of {count}({_type(inner, defs)})" if isinstance(inner, dict) and inner else f"list of {count}values"
 
 
 def _number(value: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from knotwork.core.config.model import Origin, Pipeline
-from knotwork.core.config.tree import Path, dotted, is_secret
+from knotwork.core.config.tree import Path, dotted, is_secret, one_line
 from knotwork.core.config.yaml_source import read_scalar
 
 MASK = "***"
@@ -27,9 +27,7 @@ def dump(data: Mapping[str, Any], comments: Mapping[str, str] | None = None) -> 
     """
     lines = _Writer(comments or {}).mapping(data, (), 0)
     width = min(max((len(text) for text, comment in lines if comment), default=0), 60)
-    return "".join(
-        f"{text.ljust(width)}  # {comment}\n" if comment else f"{text}\n" for text, comment in lines
-    )
+    return "".join(f"{text.ljust(width)}  # {comment}\n" if comment else f"{text}\n" for text, comment in lines)
 
 
 def show(pipeline: Pipeline, origin: bool = False) -> str:
@@ -44,7 +42,7 @@ def show(pipeline: Pipeline, origin: bool = False) -> str:
     masked = mask(pipeline.resolved, pipeline.origins)
     if not origin:
         return dump(masked)
-    return dump(masked, {key: str(origin) for key, origin in pipeline.origins.items()})
+    return dump(masked, {key: one_line(str(origin)) for key, origin in pipeline.origins.items()})
 
 
 def mask(data: Any, origins: Mapping[str, Origin] | None = None, path: Path = ()) -> Any:
@@ -93,9 +91,7 @@ class _Writer:
         if len(value) > 16 or sum(len(written(element)) + 2 for element in value) > 70:
             return False
         own = _source(self.comments.get(dotted(path), ""))
-        return all(
-            _source(self.comments.get(dotted((*path, index)), own)) == own for index in range(len(value))
-        )
+        return all(_source(self.comments.get(dotted((*path, index)), own)) == own for index in range(len(value)))
 
 
 def _source(comment: str) -> str:

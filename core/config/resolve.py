@@ -106,14 +106,10 @@ class _Resolution:
         item = self.root.child("nodes")
         if item is None or (not item.broken and not item.value):
             where = item.position if item else self.root.where
-            self.problems.add(
-                where, "nodes", "a pipeline needs at least one node", "nodes: {log: {plugin: NAME}}"
-            )
+            self.problems.add(where, "nodes", "a pipeline needs at least one node", "nodes: {log: {plugin: NAME}}")
             return {}
         if not isinstance(item.value, dict) and not item.broken:
-            self.problems.add(
-                item.where, "nodes", f"expected a mapping of nodes by name, got {short(item.value)}"
-            )
+            self.problems.add(item.where, "nodes", f"expected a mapping of nodes by name, got {short(item.value)}")
         for name, node in item.mapping().items():
             self._check_name("node", name, node, ("nodes", name))
         return item.mapping()
@@ -121,9 +117,7 @@ class _Resolution:
     def _check_name(self, what: str, name: str, item: Item, path: Path) -> None:
         if not _NAME.match(name) or len(name) > 100:
             message = f"{short(name)} is no name of a {what}"
-            self.problems.add(
-                item.key or item.where, path, message, "letters, digits, '_' and '-', no digit first"
-            )
+            self.problems.add(item.key or item.where, path, message, "letters, digits, '_' and '-', no digit first")
 
     def _find_plugin(self, name: str, item: Item) -> None:
         path = ("nodes", name)
@@ -134,9 +128,7 @@ class _Resolution:
             return
         plugin = item.value.get("plugin")
         if plugin is None:
-            self.problems.add(
-                item.position, (*path, "plugin"), "missing, expected the name of the node's plugin"
-            )
+            self.problems.add(item.position, (*path, "plugin"), "missing, expected the name of the node's plugin")
         elif isinstance(plugin.value, str):
             manifest = self.registry.find(plugin.value)
             if manifest is None:
@@ -198,9 +190,7 @@ class _Resolution:
             config=config,
             options=options,
             uses=keys.uses,
-            inputs={
-                port: (one,) if isinstance(one, str) else tuple(one) for port, one in keys.inputs.items()
-            },
+            inputs={port: (one,) if isinstance(one, str) else tuple(one) for port, one in keys.inputs.items()},
             queue=keys.queue,
             worker=keys.worker,
         )
@@ -209,11 +199,7 @@ class _Resolution:
         reserved = {key: child for key, child in item.mapping().items() if key in RESERVED}
         for key in ("uses", "inputs"):  # null takes an entry of an included file back
             if (section := reserved.get(key)) and isinstance(section.value, dict):
-                left = {
-                    one: child
-                    for one, child in section.value.items()
-                    if child.value is not None or child.broken
-                }
+                left = {one: child for one, child in section.value.items() if child.value is not None or child.broken}
                 reserved[key] = container(left, section.where, key=section.key)
         if (options := reserved.get("options")) and isinstance(options.value, dict):
             blocks = {one: child for one, child in options.value.items() if isinstance(child.value, dict)}
@@ -222,24 +208,18 @@ class _Resolution:
             reserved["plugin"] = Item("unknown", item.where)
         return check(NodeKeys, container(reserved, item.where, key=item.key), path, self.problems)
 
-    def _check_uses(
-        self, item: Item, path: Path, manifest: Manifest | None, entries: dict[str, Item]
-    ) -> None:
+    def _check_uses(self, item: Item, path: Path, manifest: Manifest | None, entries: dict[str, Item]) -> None:
         section = item.child("uses")
         for use, child in (section.mapping() if section else {}).items():
             below = (*path, "uses", use)
             if manifest and use not in manifest.uses:
                 hint = self.problems.nearest(use, manifest.uses) or "it uses no other node"
-                self.problems.add(
-                    child.key or child.where, below, f"plugin {manifest.name!r} has no use {use!r}", hint
-                )
+                self.problems.add(child.key or child.where, below, f"plugin {manifest.name!r} has no use {use!r}", hint)
             if isinstance(child.value, str) and child.value not in entries:
                 hint = self.problems.nearest(child.value, entries)
                 self.problems.add(child.where, below, f"there is no node {short(child.value)}", hint)
 
-    def _check_inputs(
-        self, item: Item, path: Path, manifest: Manifest | None, entries: dict[str, Item]
-    ) -> None:
+    def _check_inputs(self, item: Item, path: Path, manifest: Manifest | None, entries: dict[str, Item]) -> None:
         section = item.child("inputs")
         for port, child in (section.mapping() if section else {}).items():
             below = (*path, "inputs", port)
@@ -264,9 +244,7 @@ class _Resolution:
             self.problems.add(item.where, path, f"node {node!r} ({manifest.name}) gives no messages")
         elif dot and port not in manifest.outputs:
             hint = self.problems.nearest(port, manifest.outputs)
-            self.problems.add(
-                item.where, path, f"node {node!r} ({manifest.name}) has no output {short(port)}", hint
-            )
+            self.problems.add(item.where, path, f"node {node!r} ({manifest.name}) has no output {short(port)}", hint)
 
     def _options(self, item: Item, path: Path, manifest: Manifest | None) -> BaseModel | None:
         """Check every block against its own plugin; return the chosen plugin's."""
@@ -281,17 +259,11 @@ class _Resolution:
             if block.broken:
                 continue
             if not isinstance(block.value, dict):
-                self.problems.add(
-                    block.where, below, f"expected a mapping of options, got {short(block.value)}"
-                )
+                self.problems.add(block.where, below, f"expected a mapping of options, got {short(block.value)}")
             elif other is None:
                 if not self.registry.why_not(name):  # a backend that is not usable here is not looked at
-                    hint = self.problems.nearest(
-                        name, self.registry.names(manifest.kind if manifest else None)
-                    )
-                    self.problems.add(
-                        block.key or block.where, below, f"there is no plugin {short(name)}", hint
-                    )
+                    hint = self.problems.nearest(name, self.registry.names(manifest.kind if manifest else None))
+                    self.problems.add(block.key or block.where, below, f"there is no plugin {short(name)}", hint)
             elif manifest and other.kind != manifest.kind:
                 message = f"{name!r} is a {other.kind}, this node is a {manifest.kind}"
                 self.problems.add(block.key or block.where, below, message)
@@ -312,9 +284,7 @@ def _resolved(keys: PipelineKeys, nodes: dict[str, NodeSpec]) -> dict[str, Any]:
         if spec.uses:
             node["uses"] = dict(spec.uses)
         if spec.inputs:
-            node["inputs"] = {
-                port: one[0] if len(one) == 1 else list(one) for port, one in spec.inputs.items()
-            }
+            node["inputs"] = {port: one[0] if len(one) == 1 else list(one) for port, one in spec.inputs.items()}
         node.update(_data(spec.config))
         if spec.options is not None and (options := _data(spec.options)):
             node["options"] = {spec.plugin: options}
@@ -348,12 +318,8 @@ def _origins(resolved: dict[str, Any], root: Item, nodes: dict[str, NodeSpec]) -
             origins[dotted(path)] = Origin(item.position, via)
         else:
             of_plugin = len(path) > 2 and path[0] == "nodes" and path[2] != "queue"
-            origins[dotted(path)] = Origin(
-                f"default of {nodes[str(path[1])].plugin}" if of_plugin else "default"
-            )
-        inner: Any = (
-            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-        )
+            origins[dotted(path)] = Origin(f"default of {nodes[str(path[1])].plugin}" if of_plugin else "default")
+        inner: Any = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         for part, child in inner:
             visit(child, (*path, part), item.child(part) if item is not None else None, via)
 

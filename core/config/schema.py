@@ -7,7 +7,7 @@ from pydantic.errors import PydanticUserError
 from pydantic.json_schema import GenerateJsonSchema
 
 from knotwork.core.config.model import NAME, Manifests, NodeKeys, PipelineKeys
-from knotwork.core.manifest import Manifest
+from knotwork.core.manifest import Manifest, PluginConfig
 
 Schema = dict[str, Any]
 
@@ -127,10 +127,10 @@ def _plugin(manifest: Manifest, manifests: list[Manifest], defs: dict[str, Schem
     keys = _hoisted(NodeKeys, "framework.", defs)["properties"]
     blocks: dict[str, Schema] = {}
     for other in manifests:
-        if other.kind == manifest.kind and other.options is not None:
+        if other.kind == manifest.kind:
             block = f"{other.name}.options"
             if block not in defs:
-                defs[block] = _hoisted(other.options, f"{block}.", defs)
+                defs[block] = _hoisted(other.options or PluginConfig, f"{block}.", defs)
             blocks[other.name] = {"$ref": f"#/$defs/{block}"}
     text = {"anyOf": [{"type": "string"}, {"type": "null"}]}
     inputs = {"anyOf": [*text["anyOf"], {"type": "array", "items": {"type": "string"}}]}
@@ -141,7 +141,12 @@ def _plugin(manifest: Manifest, manifests: list[Manifest], defs: dict[str, Schem
     keys["inputs"] = _named(
         keys["inputs"], {port: (inputs, one.summary or one.message) for port, one in manifest.inputs.items()}
     )
-    keys["options"] = {"description": keys["options"]["description"], "type": "object", "properties": blocks}
+    keys["options"] = {
+        "description": keys["options"]["description"],
+        "type": "object",
+        "properties": blocks,
+        "additionalProperties": False,
+    }
     schema: Schema = {
         "type": "object",
         "description": manifest.summary,

@@ -27,6 +27,8 @@ class Sources:
 
     def gather(self, name: str, included_at: str = "", chain: tuple[str, ...] = ()) -> Item:
         """Return the tree of the file `name` merged over what it includes."""
+        if "\0" in name:
+            raise self.problems.fatal(included_at or "the file's name", "", "it holds a null character")
         identity = name if name.startswith(SHIPPED) else os.path.realpath(name)
         if identity in chain:
             shown = " -> ".join(_label(one) for one in (*chain[chain.index(identity) :], identity))
@@ -72,7 +74,7 @@ class Sources:
         for entry in entries:
             if entry.broken:
                 continue
-            if not isinstance(entry.value, str) or not entry.value or "\0" in entry.value:
+            if not isinstance(entry.value, str) or not entry.value:
                 self.problems.add(entry.where, "include", "expected a file name or a list of file names")
             elif "${" in entry.value:
                 self.problems.add(entry.where, "include", "references are not replaced in include")
@@ -116,9 +118,7 @@ class Sources:
             line = data.count(b"\n", 0, error.start) + 1
             column = error.start - data.rfind(b"\n", 0, error.start)
             message = f"byte 0x{data[error.start]:02x} is not UTF-8"
-            raise self.problems.fatal(
-                f"{name}:{line}:{column}", "", message, "is this a text file?"
-            ) from None
+            raise self.problems.fatal(f"{name}:{line}:{column}", "", message, "is this a text file?") from None
 
     def _similar(self, name: str) -> str:
         if name.startswith(SHIPPED):

@@ -1,5 +1,6 @@
 """A configuration as a tree whose every value knows where it stands, and the list of its problems."""
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -13,6 +14,7 @@ Path = tuple[str | int, ...]
 MAX_SIZE = 200_000  # values of one configuration, aliases and references counted each time
 MAX_DEPTH = 40
 MAX_HINTS = 50  # problems that get a hint, and problems that are shown
+_PLACE = re.compile(r"(.*):(\d+):(\d+)\Z")
 SECRET = ("token", "password", "secret")
 
 
@@ -103,9 +105,7 @@ def broken(item: Item) -> Item:
     return Item(None, item.where, item.key, item.via, broken=True)
 
 
-def container(
-    value: list[Item] | dict[str, Item], where: str, *, key: str = "", via: tuple[str, ...] = ()
-) -> Item:
+def container(value: list[Item] | dict[str, Item], where: str, *, key: str = "", via: tuple[str, ...] = ()) -> Item:
     """Make a list or a mapping; its size and depth follow from its entries."""
     size, depth = 1, 0
     for child in value.values() if isinstance(value, dict) else value:
@@ -145,6 +145,11 @@ def short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def one_line(text: str) -> str:
+    """Return a text that cannot break the line or the terminal it is shown on."""
+    return text if text.isprintable() else "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
 class Problems:
     """Collects what is wrong, so that a person hears of everything at once."""
 
@@ -155,7 +160,7 @@ class Problems:
     def add(self, where: str, path: Path | str, message: str, hint: str = "") -> None:
         """Add one problem; a value and place is complained about once."""
         key = path if isinstance(path, str) else dotted(path)
-        problem = Problem(where, key, message, hint)
+        problem = Problem(*(one_line(text) for text in (where, key, message, hint)))
         if len(self.found) >= MAX_HINTS:
             self.more += 1
         elif problem not in self.found:
@@ -174,9 +179,13 @@ class Problems:
         return f"valid: {', '.join(known[:10])}, and {len(known) - 10} more"
 
     def error(self) -> ConfigError:
-        """Return everything found as one error."""
+        """Return everything found as one error: file by file as they came up, in the order of the lines."""
+        places = [_PLACE.match(problem.where) for problem in self.found]
+        files = [place[1] if place else problem.where for place, problem in zip(places, self.found, strict=True)]
+        lines = [(int(place[2]), int(place[3])) if place else (0, 0) for place in places]
+        order = sorted(range(len(self.found)), key=lambda index: (files.index(files[index]), lines[index]))
         more = [Problem("", "", f"and {self.more} more problems")] if self.more else []
-        return ConfigError([*self.found, *more])
+        return ConfigError([*(self.found[index] for index in order), *more])
 
     def fatal(self, where: str, path: Path | str, message: str, hint: str = "") -> ConfigError:
         """Return the error of a problem after which going on makes no sense."""

@@ -105,9 +105,7 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, at: At, problems: Prob
     if "\t" in bad[: column + 1]:
         column = bad.index("\t")
         return problems.fatal(at(line, column), "", "a tab cannot indent YAML", "use spaces")
-    context = (
-        f" {error.context}" if error.context and error.context != "while scanning for the next token" else ""
-    )
+    context = f" {error.context}" if error.context and error.context != "while scanning for the next token" else ""
     hint = ""
     if "${" in bad:
         hint = 'inside { } and [ ] a reference needs quotes: "${name}"'
@@ -148,9 +146,7 @@ class _Composer:
         if isinstance(event, yaml.DocumentStartEvent):
             self.documents += 1
             if self.documents > 1:
-                raise self.problems.fatal(
-                    where, "", "a second document begins here; a file holds one pipeline"
-                )
+                raise self.problems.fatal(where, "", "a second document begins here; a file holds one pipeline")
         elif isinstance(event, yaml.CollectionEndEvent):
             self._close(self.stack.pop())
         elif isinstance(event, yaml.AliasEvent):

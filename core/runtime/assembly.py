@@ -56,7 +56,7 @@ def assemble(
     contexts: dict[str, NodeContext] = {}
     for name in graph.order:
         spec = pipeline.nodes[name]
-        implementation = registry.load(spec.manifest)
+        implementation: Any = registry.load(spec.manifest)
         clocked = monotonic_clocked() if spec.manifest.kind == "sink" else dispatcher.clocked
         context = NodeContext(spec, dispatcher, clocked, report, out=out, seed=pipeline.seed, header=header)
         context.uses |= {u.name: nodes[u.target] for u in graph.uses if u.node == name}

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knotwork.core.geometry import Pose2
 from knotwork.core.world.kinematics import arc, body_twist, limited, ramped, wheel_speeds
 from knotwork.core.world.motion import Leg
 from knotwork.core.world.parameters import BaseParameters, gyro_sigma
 from knotwork.core.world.raycast import RayCaster
-from knotwork.core.world.scene import Pose2
 from knotwork.core.world.seeding import generator
 
 _NS = 1e-9
@@ -54,9 +54,7 @@ class SimulatedBase:
         The last step was stopped by an obstacle.
     """
 
-    def __init__(
-        self, parameters: BaseParameters, obstacles: RayCaster | None, pose: Pose2, seed: int
-    ) -> None:
+    def __init__(self, parameters: BaseParameters, obstacles: RayCaster | None, pose: Pose2, seed: int) -> None:
         self.parameters = parameters
         self.pose = pose
         self.left = self.right = 0.0
@@ -82,9 +80,13 @@ class SimulatedBase:
         """
         if not (isfinite(v) and isfinite(w)):
             raise ValueError(f"a command must be finite, got v = {v}, w = {w}")
-        p = self.parameters
-        self._goal = limited(*wheel_speeds(v, w, p.wheel_separation), p.wheel_speed_max)
-        return body_twist(*self._goal, p.wheel_separation)
+        separation = self.parameters.wheel_separation
+        return body_twist(*self.command_wheels(*wheel_speeds(v, w, separation)), separation)
+
+    def command_wheels(self, left: float, right: float) -> tuple[float, float]:
+        """Set the goal as rim speeds [m/s]; returns them as limited by the wheels."""
+        self._goal = limited(left, right, self.parameters.wheel_speed_max)
+        return self._goal
 
     def step(self, start: int, end: int) -> tuple[Leg, Reading]:
         """Move from time `start` to `end` [ns] under the goal; returns the motion and the readings."""

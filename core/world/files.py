@@ -24,6 +24,8 @@ _KEYS = (
     "arcs",
     "paths",
 )
+_SMALLEST = 1e-9  # m; what is smaller cannot be told from a point
+_LARGEST = 1e6  # m
 
 
 def shipped_worlds() -> list[str]:
@@ -115,12 +117,12 @@ class _Reader:
         parts: list[F64] = []
         for item in self.items(nodes, "segments"):
             x1, y1, x2, y2 = self.numbers(item, 4, "a segment [x1, y1, x2, y2]")
-            if x1 == x2 and y1 == y2:
+            if math.hypot(x2 - x1, y2 - y1) < _SMALLEST:
                 raise self.error(item, "a segment of no length: its two ends are the same point")
             parts.append(np.array([[x1, y1, x2, y2]]))
         for item in self.items(nodes, "boxes"):
             x1, y1, x2, y2 = self.numbers(item, 4, "a box [x1, y1, x2, y2]")
-            if x1 == x2 or y1 == y2:
+            if min(abs(x2 - x1), abs(y2 - y1)) < _SMALLEST:
                 raise self.error(item, "a box of no area: expected two opposite corners")
             parts.append(box(x1, y1, x2, y2))
         for key, closed, least in (("polylines", False, 2), ("polygons", True, 3)):
@@ -147,7 +149,7 @@ class _Reader:
         return {key: self.points(value, f"path {key!r}", 2, False) for key, (_, value) in named.items()}
 
     def radius(self, node: yaml.Node, value: float) -> float:
-        if value <= 0.0:
+        if value < _SMALLEST:
             raise self.error(node, f"the radius is {value} m, expected more than 0")
         return value
 
@@ -156,12 +158,10 @@ class _Reader:
         if len(points) < least:
             raise self.error(node, f"{what} has {len(points)} points, expected at least {least}")
         for item, before, here in zip(node.value[1:], points, points[1:], strict=False):
-            if before == here:
+            if math.dist(before, here) < _SMALLEST:
                 raise self.error(item, f"a point of {what} repeats the one before")
-        if closed and points[0] == points[-1]:
-            raise self.error(
-                node.value[-1], f"{what} is closed by itself: leave the repeated first point out"
-            )
+        if closed and math.dist(points[0], points[-1]) < _SMALLEST:
+            raise self.error(node.value[-1], f"{what} is closed by itself: leave the repeated first point out")
         return np.array(points)
 
     def items(self, nodes: dict[str, yaml.Node], key: str) -> list[yaml.Node]:
@@ -194,8 +194,10 @@ class _Reader:
             value = float(self.text(node))
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
+        if math.isnan(value):
             raise self.error(node, f"{self.text(node)!r} is not a number")
+        if abs(value) > _LARGEST:
+            raise self.error(node, f"{value} is out of bounds, expected at most {_LARGEST:.0f} m")
         return value
 
     def text(self, node: yaml.Node) -> str:

@@ -1,28 +1,9 @@
 """Differential drive in closed form: arcs, wheel speeds, limits and ramps. Rim speeds are in m/s."""
 
 from collections.abc import Sequence
-from math import cos, pi, remainder, sin
+from math import cos, sin
 
-from knotwork.core.world.scene import Pose2
-
-
-def wrap(angle: float) -> float:
-    """Return the angle in (-pi, pi]."""
-    wrapped = remainder(angle, 2.0 * pi)
-    return pi if wrapped == -pi else wrapped
-
-
-def compose(a: Sequence[float], b: Sequence[float]) -> Pose2:
-    """Return the pose `b`, given in the frame `a`, in the frame that `a` is given in."""
-    c, s = cos(a[2]), sin(a[2])
-    return a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], wrap(a[2] + b[2])
-
-
-def relative(a: Sequence[float], b: Sequence[float]) -> Pose2:
-    """Return the pose `b` as seen from the pose `a`: compose(a, relative(a, b)) is b."""
-    c, s = cos(a[2]), sin(a[2])
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    return c * dx + s * dy, -s * dx + c * dy, wrap(b[2] - a[2])
+from knotwork.core.geometry import Pose2, wrap
 
 
 def arc(pose: Sequence[float], length: float, turn: float) -> Pose2:
@@ -39,9 +20,7 @@ def arc(pose: Sequence[float], length: float, turn: float) -> Pose2:
     """
     half = 0.5 * turn
     # Chord of the arc; the series is exact to double precision below 1e-3 rad.
-    chord = length * (
-        sin(half) / half if abs(half) > 1e-3 else 1.0 - half * half * (1.0 - half * half / 20) / 6
-    )
+    chord = length * (sin(half) / half if abs(half) > 1e-3 else 1.0 - half * half * (1.0 - half * half / 20) / 6)
     x, y, yaw = pose
     return x + chord * cos(yaw + half), y + chord * sin(yaw + half), wrap(yaw + turn)
 

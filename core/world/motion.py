@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knotwork.core.geometry import Pose2
 from knotwork.core.kernel import kernel
 from knotwork.core.messages import F64
 from knotwork.core.world.kinematics import arc
-from knotwork.core.world.scene import Pose2
 
 
 class Leg(NamedTuple):

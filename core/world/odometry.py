@@ -4,6 +4,7 @@ from math import cos, sin
 
 import numpy as np
 
+from knotwork.core.geometry import IDENTITY
 from knotwork.core.messages import F64, Odometry
 from knotwork.core.world.kinematics import arc, body_twist
 from knotwork.core.world.parameters import BaseParameters, gyro_sigma
@@ -31,7 +32,7 @@ class DeadReckoning:
         self.parameters = parameters
         self.gyro = gyro
         self.covariance = covariance
-        self.pose = (0.0, 0.0, 0.0)
+        self.pose = IDENTITY
         self.wheel_rates = (0.0, 0.0)  # over the last step [rad/s]
         self._left = self._right = 0.0
 

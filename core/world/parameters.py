@@ -23,15 +23,11 @@ class BaseParameters(PluginConfig):
     deceleration: float = quantity(1.5, "m/s^2", "at which a wheel's rim slows down", gt=0)
     command_timeout: float = quantity(0.25, "s", "age of a command after which the base brakes", gt=0)
     ticks: int = quantity(4096, "1/turn", "encoder ticks a turn of a wheel; 0: no quantisation", ge=0)
-    slip_scale: float = quantity(
-        0.002, "1", "sigma of each wheel's scale error, drawn once a run", ge=0, lt=0.5
-    )
+    slip_scale: float = quantity(0.002, "1", "sigma of each wheel's scale error, drawn once a run", ge=0, lt=0.5)
     slip: float = quantity(0.001, "m/sqrt(m)", "white slip of each wheel: sigma after a metre", ge=0)
     gyro_noise: float = quantity(2.6e-4, "rad/s/sqrt(Hz)", "noise density of the gyro", ge=0)
     gyro_bias: float = quantity(5e-4, "rad/s", "sigma of the gyro's bias, drawn once a run", ge=0)
-    accelerometer_noise: float = quantity(
-        1.9e-3, "m/s^2/sqrt(Hz)", "noise density of the accelerometer", ge=0
-    )
+    accelerometer_noise: float = quantity(1.9e-3, "m/s^2/sqrt(Hz)", "noise density of the accelerometer", ge=0)
 
     def exact(self) -> Self:
         """Return the same base without any error."""
@@ -43,15 +39,13 @@ class LidarParameters(PluginConfig):
     """A planar lidar; the defaults are the LDS-01: 360 beams at 5 Hz, clockwise, thesis (3.15) and (3.16)."""
 
     beams: int = quantity(360, "1", "beams a turn", ge=1)
-    fov: float = quantity(
-        _FULL_TURN, "rad", "field of view; 2 pi: the last beam is a step before the first", gt=0
-    )
+    fov: float = quantity(_FULL_TURN, "rad", "field of view; 2 pi: the last beam is a step before the first", gt=0)
     angle_min: float = quantity(0.0, "rad", "direction of beam 0 in the sensor frame")
     rate: float = quantity(5.0, "Hz", "scans a second", gt=0)
     sweep: float | None = quantity(
         None, "s", "time from the first beam of a turn to the end; 0: all at once; none: 1 / rate", ge=0
     )
-    clockwise: bool = Field(True, description="beams are measured in the order of falling angle")
+    clockwise: bool = Field(default=True, description="beams are measured in the order of falling angle")
     range_min: float = quantity(0.12, "m", "nearer returns are invalid (NaN)", ge=0)
     range_max: float = quantity(3.5, "m", "farther returns are no return (inf)", gt=0)
     mount: tuple[float, float, float] = quantity(

@@ -1,14 +1,11 @@
 """What a 2D world is made of: straight segments and circular arcs, a start pose and named paths."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import cos, sin
 
 import numpy as np
 
+from knotwork.core.geometry import IDENTITY, Pose2
 from knotwork.core.messages import F64
-
-Pose2 = tuple[float, float, float]  # x [m], y [m], yaw [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +28,7 @@ class World:
     name: str
     segments: F64
     arcs: F64 = field(default_factory=lambda: np.empty((0, 5)))
-    start: Pose2 = (0.0, 0.0, 0.0)
+    start: Pose2 = IDENTITY
     paths: dict[str, F64] = field(default_factory=dict)
     about: str = ""
 
@@ -57,12 +54,3 @@ def polyline(points: F64, closed: bool = False) -> F64:
 def box(x1: float, y1: float, x2: float, y2: float) -> F64:
     """Return the four segments of the rectangle with opposite corners (x1, y1) and (x2, y2) [m]."""
     return polyline(np.array([(x1, y1), (x2, y1), (x2, y2), (x1, y2)]), closed=True)
-
-
-def in_frame(points: F64, frame: Sequence[float]) -> F64:
-    """Return `points` (n, 2) of the world as seen from the pose `frame` (x, y, yaw) in the world."""
-    x, y, yaw = frame
-    c, s = cos(yaw), sin(yaw)
-    moved = np.asarray(points, dtype=np.float64) - (x, y)
-    result: F64 = moved @ np.array([(c, -s), (s, c)])
-    return result

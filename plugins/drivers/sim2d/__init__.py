@@ -23,11 +23,12 @@ class Config(PluginConfig):
         None, "m, m, rad", "start pose in the world's frame; none: the world's own"
     )
     duration: float = quantity(60.0, "s", "length of the run", gt=0)
+    stop_when_idle: float = quantity(
+        0.0, "s", "end the run when the robot has stood this long after it has moved; 0: never", ge=0
+    )
     rate: float = quantity(50.0, "Hz", "steps a second: of commands, odometry, wheels and imu", gt=0, le=1000)
     noise: bool = Field(True, description="false: no slip, no sensor errors, no encoder ticks")
-    odometry: Literal["gyro", "wheels"] = Field(
-        "gyro", description="where the heading of odometry comes from"
-    )
+    odometry: Literal["gyro", "wheels"] = Field("gyro", description="where the heading of odometry comes from")
     covariance: bool = Field(True, description="odometry says how uncertain it is")
     truth_frame: Literal["map", "world"] = Field(
         "map", description="frame of `truth`; map: the first true pose is its origin"
@@ -50,9 +51,7 @@ MANIFEST = Manifest(
         "imu": Port("imu", summary="mean yaw rate and acceleration of each step"),
         "wheels": Port("wheels", summary="encoders"),
         "truth": Port("pose", role="truth", summary="true pose at each scan's stamp"),
-        "applied": Port(
-            "twist", summary="what the motors did in each step: limits, ramp and time-out applied"
-        ),
+        "applied": Port("twist", summary="what the motors did in each step: limits, ramp and time-out applied"),
     },
     closed_loop=True,
     example="sim: {plugin: sim2d, world: apartment, duration: 300, lidar: {accuracy: 0}}",

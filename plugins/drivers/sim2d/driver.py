@@ -7,10 +7,11 @@ import numpy as np
 
 from knotwork.core.contracts import Context, Driver
 from knotwork.core.errors import InputError
+from knotwork.core.geometry import relative
 from knotwork.core.messages import Imu, Message, Pose, Twist, Wheels
 from knotwork.core.world.base import Reading, SimulatedBase
 from knotwork.core.world.files import load_world
-from knotwork.core.world.kinematics import body_twist, relative
+from knotwork.core.world.kinematics import body_twist
 from knotwork.core.world.lidar import SimulatedLidar
 from knotwork.core.world.motion import Leg, Motion
 from knotwork.core.world.odometry import DeadReckoning
@@ -54,6 +55,7 @@ class Sim2d(Driver):
         self._blocked_before = False
         self._length = 0.0
         self._time = 0
+        self._moved: int | None = None  # time of the last motion of a wheel [ns]
 
     def warm(self) -> None:
         """Compile the kernels of motion and ray casting."""
@@ -85,6 +87,8 @@ class Sim2d(Driver):
             else:
                 yield from self._step(self._stamp(k - 1), stamp)
             self._time = stamp
+            if self._idle(stamp):
+                return
 
     def stop_motion(self) -> None:
         """Forget the command."""
@@ -97,6 +101,12 @@ class Sim2d(Driver):
     def statistics(self) -> dict[str, float]:
         """Say how far the body truly moved [m] and which range error this run has."""
         return {"path_length_m": self._length, "range_scale": self.lidar.scale}
+
+    def _idle(self, now: int) -> bool:
+        if self.base.left != 0.0 or self.base.right != 0.0:
+            self._moved = now
+        patience = self.config.stop_when_idle * 1e9
+        return patience > 0.0 and self._moved is not None and now - self._moved >= patience
 
     def _stamp(self, k: int) -> int:
         return round(k * 1e9 / self.config.rate)

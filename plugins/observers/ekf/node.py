@@ -1,6 +1,7 @@
 """The observer `ekf`: messages in, priors out."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from knotwork.plugins.observers.ekf.entries import Fix
 from knotwork.plugins.observers.ekf.filter import Triangle, to_matrix, to_triangle
 from knotwork.plugins.observers.ekf.history import History
 
-_MARKS = 4096  # scans whose place in the odometry is remembered
+_MARKS = 4096  # stamps and scans whose place in the odometry is remembered
+
+Place = tuple[int, int]  # time [ns] and knot number
 
 
 class Ekf(Observer):
@@ -26,12 +29,17 @@ class Ekf(Observer):
         config: EkfConfig = context.config
         self._history = History(config)
         self._sigma = np.diag(np.square([config.correction_sigma[0], *config.correction_sigma]))
-        self._marks: dict[tuple[int, int], tuple[int, int]] = {}  # stamp, scan_id -> time, knot number
+        self._scans: dict[tuple[int, int], Place] = {}  # by stamp and scan_id
+        self._stamps: dict[int, Place] = {}  # by stamp of odometry
         self._told: set[str] = set()
 
     def prior(self, time: int) -> PriorEstimate:
-        """Return the predicted pose at `time` [ns]: inside the buffer, or beyond its end by extrapolation."""
-        state, twist, weak = self._history.at(time)
+        """Return the predicted pose at `time` [ns]: inside the buffer, or beyond its end by extrapolation.
+
+        The stamp of an odometry message means the instant of that message, also where stamps run backwards.
+        """
+        known = self._stamps.get(time)
+        state, twist, weak = self._history.at(time if known is None else known[0])
         return PriorEstimate(np.array(state.pose), to_matrix(state.covariance), np.array(twist), weak)
 
     def on_odometry(self, message: Odometry) -> None:
@@ -50,6 +58,7 @@ class Ekf(Observer):
         knot = self._history.append_odometry(
             message.time, (x, y, yaw), twist, covariance, message.discontinuity
         )
+        _remember(self._stamps, message.stamp, (knot.time, knot.number))
         if knot.jump:
             self._tell(
                 "discontinuities", "odometry was interrupted: weak prediction until the next correction"
@@ -59,15 +68,14 @@ class Ekf(Observer):
         self._publish(message)
 
     def on_scan(self, message: Scan) -> None:
-        """Remember which odometry came before the scan; without odometry, predict its pose."""
+        """Remember where in the odometry the scan was taken; without odometry, predict its pose."""
         history = self._history
         newest = history.newest
         if newest is None or newest.odom is None:
-            history.append_scan(message.time)
+            knot = history.append_scan(message.time)
+            _remember(self._stamps, message.stamp, (knot.time, knot.number))
             self._publish(message)
-        self._marks[message.stamp, message.scan_id] = (message.time, history.number)
-        if len(self._marks) > _MARKS:
-            del self._marks[next(iter(self._marks))]
+        _remember(self._scans, (message.stamp, message.scan_id), self._instant(message.stamp, message.time))
 
     def on_correction(self, message: Pose) -> None:
         """Take the pose of a scan, however late."""
@@ -129,14 +137,23 @@ class Ekf(Observer):
 
     def _place(self, message: Pose) -> tuple[int, int]:
         """Return time and knot number of the scan that a correction belongs to."""
-        mark = self._marks.get((message.stamp, message.scan_id))
-        if mark is not None:
-            return mark
+        place = self._scans.get((message.stamp, message.scan_id))
+        if place is not None:
+            return place
         history = self._history
         newest = history.newest
         if newest is None or (newest.odom is None and message.time > newest.time):
-            newest = history.append_scan(message.time)
-        return message.time, history.number_at(message.time)
+            history.append_scan(message.time)
+            return message.time, history.number_at(message.time)
+        return self._instant(message.stamp, message.time)
+
+    def _instant(self, stamp: int, time: int) -> Place:
+        """Return where a measurement belongs: at the odometry of its stamp, else at its stamp, never ahead of `time`."""
+        known = self._stamps.get(stamp)
+        if known is not None:
+            return known
+        at = min(stamp, time)
+        return at, self._history.number_at(at)
 
     def _tell(self, counter: str, text: str) -> None:
         """Count, and report the first of its kind."""
@@ -146,6 +163,13 @@ class Ekf(Observer):
             self.context.report(
                 "warning", f"{text} (first of its kind; the summary counts them as {counter})"
             )
+
+
+def _remember(places: dict[Any, Place], key: Any, place: Place) -> None:
+    places.pop(key, None)
+    places[key] = place
+    if len(places) > _MARKS:
+        del places[next(iter(places))]
 
 
 def _finite(*values: float) -> bool:

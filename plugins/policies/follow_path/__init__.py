@@ -42,7 +42,10 @@ MANIFEST = Manifest(
     summary="drives along waypoints by pure pursuit, on the predicted pose",
     impl="knotwork.plugins.policies.follow_path.policy:FollowPath",
     config=Config,
-    inputs={"pose": Port("pose", role="prior", summary="a command goes out for each")},
+    inputs={
+        "pose": Port("pose", role="prior", summary="a command goes out for each"),
+        "estimate": Port("pose", role="estimate", optional=True, summary="while it says lost, the robot stands"),
+    },
     outputs={"twist": Port("twist", summary="the command")},
     example="drive: {plugin: follow-path, world: apartment, path: tour}",
 )

@@ -1,16 +1,18 @@
 """The policy around pure pursuit."""
 
+import math
+
 from knotwork.core.contracts import Context, Policy
 from knotwork.core.errors import InputError
+from knotwork.core.geometry import inverse, transform_points
 from knotwork.core.messages import Pose, Twist
 from knotwork.core.world.files import load_world
-from knotwork.core.world.scene import in_frame
 from knotwork.plugins.policies.follow_path import Config
 from knotwork.plugins.policies.follow_path.pursuit import Limits, Polyline, Pursuit
 
 
 class FollowPath(Policy):
-    """Answers every pose with a command; stands while the pose is said to be lost."""
+    """Answers every predicted pose with a command; stands while the pose is lost or not a number."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -18,10 +20,20 @@ class FollowPath(Policy):
         limits = Limits(**{name: getattr(config, name) for name in Limits.__dataclass_fields__})
         self.pursuit = Pursuit(_path(config, context.name), limits)
         self._told = False
+        self._lost = False
+
+    def on_estimate(self, message: Pose) -> None:
+        """Note whether the localiser believes its pose."""
+        if message.lost != self._lost:
+            text = "the pose is lost: waiting" if message.lost else "the pose is found: going on"
+            self.context.report("info", text)
+        self._lost = message.lost
 
     def on_pose(self, message: Pose) -> None:
         """Emit the command for a pose."""
-        v, w = (0.0, 0.0) if message.lost else self.pursuit.command(message.pose.tolist())
+        x, y, yaw = message.pose.tolist()
+        stand = message.lost or self._lost or not math.isfinite(x + y + yaw)
+        v, w = (0.0, 0.0) if stand else self.pursuit.command([x, y, yaw])
         if self.pursuit.done and not self._told:
             self._told = True
             self.context.report("info", f"end of the path, {self.pursuit.path.length:.1f} m")
@@ -43,7 +55,8 @@ def _path(config: Config, node: str) -> Polyline:
                 where=f"node {node}",
                 hint=f"it has: {', '.join(world.paths) or 'none'}",
             )
-        points = in_frame(world.paths[config.path], config.start or world.start).tolist()
+        to_map = inverse(config.start or world.start)
+        points = transform_points(to_map, world.paths[config.path]).tolist()
     try:
         return Polyline(points, config.loop)
     except ValueError as error:

@@ -44,20 +44,24 @@ class Polyline:
     def nearest(self, x: float, y: float, first: float, last: float) -> float:
         """Return the arc length of the point nearest to (x, y) among those from `first` to `last` [m]."""
         best, where = inf, first
-        s = first
+        i, rest = self._locate(first)
+        begin = first - rest  # arc length at the start of piece i
         while True:
-            i, rest = self._locate(s)
             (ax, ay), (bx, by) = self._points[i], self._points[i + 1]
             size = self._starts[i + 1] - self._starts[i]
-            end = min(rest + last - s, size)
             along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / size
-            along = min(max(along, rest), end)
+            along = max(min(along, size, last - begin), rest)
             share = along / size
             distance = hypot(ax + share * (bx - ax) - x, ay + share * (by - ay) - y)
             if distance < best:
-                best, where = distance, s + along - rest
-            s += size - rest
-            if s >= last or (not self.closed and i == len(self._points) - 2):
+                best, where = distance, begin + along
+            begin += size
+            i, rest = i + 1, 0.0
+            if i == len(self._points) - 1:
+                if not self.closed:
+                    return where
+                i = 0
+            if begin >= last:
                 return where
 
     def _locate(self, s: float) -> tuple[int, float]:

@@ -8,6 +8,7 @@ from knotwork.core.contracts import Context, Sink
 from knotwork.core.files import write_atomic
 from knotwork.core.messages import UNSET, Event, Grid, Message, Pose, Scan, Statistics
 from knotwork.plugins.sinks.summary import SummaryConfig
+from knotwork.plugins.sinks.summary.truth_error import TruthError
 
 
 class SummaryWriter(Sink):
@@ -28,6 +29,7 @@ class SummaryWriter(Sink):
         self._path = 0.0
         self._lost = 0
         self._map_bytes: dict[str, int] = {}
+        self._truth = TruthError()
         self._data: dict[str, Any] = {}
         self._complete = False
         self._written: int | None = None
@@ -63,6 +65,9 @@ class SummaryWriter(Sink):
             self._write()
 
     def _on_pose(self, stream: str, message: Pose) -> None:
+        x, y, yaw = message.pose.tolist()
+        if message.role == "truth" and message.scan_id >= 0:
+            self._truth.add("truth", message.scan_id, (x, y, yaw))
         if message.role != "estimate" or message.scan_id < 0:
             return
         self._poses = self._poses or stream
@@ -71,7 +76,7 @@ class SummaryWriter(Sink):
         if message.lost:
             self._lost += 1
             return
-        x, y, _ = message.pose.tolist()
+        self._truth.add("estimate", message.scan_id, (x, y, yaw))
         if self._at is not None:
             self._path += math.hypot(x - self._at[0], y - self._at[1])
         self._at = (x, y)
@@ -89,7 +94,10 @@ class SummaryWriter(Sink):
             "real_time_factor": duration / wall if wall else None,
             "path_length_m": self._path,
             "lost_scans": self._lost,
+            "truth": self._truth.summary(),
             "map_bytes": sum(self._map_bytes.values()),
+            "startup_s": self._data.get("startup_s"),
+            "peak_rss_mb": self._data.get("peak_rss_mb"),
             "drops": sum(node.get("drops", 0) for node in nodes.values()),
             "nodes": nodes,
             "counters": self._data.get("counters", {}),

@@ -12,9 +12,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class MapKeys(PluginConfig):
-    resolution: tuple[Positive, ...] = quantity(
-        (0.3, 0.125, 0.05), "m", "cell sides, coarse to fine", min_length=1
-    )
+    resolution: tuple[Positive, ...] = quantity((0.3, 0.125, 0.05), "m", "cell sides, coarse to fine", min_length=1)
     range_min: float = quantity(0.05, "m", "nearer returns are ignored", ge=0)
     range_max: float = quantity(40.0, "m", "returns beyond count as none", gt=0)
     fuse: bool = Field(True, description="false: localise only")
@@ -77,17 +75,11 @@ class ClashKeys(PluginConfig):
 
 MAP_PORTS = {"outputs": {"grid": Port("grid")}, "provides": ("map",)}
 MANIFESTS = (
-    Manifest(
-        "carmen", "driver", "a log", "x:X", LogKeys, outputs={"scan": Port("scan"), "odom": Port("odometry")}
-    ),
-    Manifest(
-        "rig", "driver", "a robot", "x:X", RigKeys, outputs={"scan": Port("scan", summary="of the lidar")}
-    ),
+    Manifest("carmen", "driver", "a log", "x:X", LogKeys, outputs={"scan": Port("scan"), "odom": Port("odometry")}),
+    Manifest("rig", "driver", "a robot", "x:X", RigKeys, outputs={"scan": Port("scan", summary="of the lidar")}),
     Manifest("spline-surface", "map", "a surface", "x:X", MapKeys, SplineOptions, **MAP_PORTS),
     Manifest("grid", "map", "cells", "x:X", MapKeys, GridOptions, **MAP_PORTS, example="map: {plugin: grid}"),
-    Manifest(
-        "ekf", "observer", "a prior", "x:X", PriorKeys, inputs={"odom": Port("odometry")}, provides=("prior",)
-    ),
+    Manifest("ekf", "observer", "a prior", "x:X", PriorKeys, inputs={"odom": Port("odometry")}, provides=("prior",)),
     Manifest(
         "gauss-newton",
         "localizer",
@@ -151,7 +143,7 @@ nodes:
 """
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def valid():
     return VALID
 

@@ -72,7 +72,10 @@ def test_summary_of_a_run(tmp_path):
     sink.on_message("map.grid", grid(5000))
     sink.on_message("log.odometry", Odometry(stamp=0, pose=np.zeros(3)).sealed(110 * S, 0))
     sink.on_message(
-        "run.statistics", statistics(wall_s=0.5, nodes=NODES, counters={"log": {"malformed_lines": 2}})
+        "run.statistics",
+        statistics(
+            wall_s=0.5, startup_s=1.5, peak_rss_mb=99.0, nodes=NODES, counters={"log": {"malformed_lines": 2}}
+        ),
     )
     sink.close()
     assert read(tmp_path) == {
@@ -84,6 +87,9 @@ def test_summary_of_a_run(tmp_path):
         "real_time_factor": 20.0,
         "path_length_m": 7.0,
         "lost_scans": 1,
+        "truth": None,
+        "startup_s": 1.5,
+        "peak_rss_mb": 99.0,
         "map_bytes": 5000,
         "drops": 3,
         "nodes": NODES | {"map": NODES["map"] | {"max_ms": None}},
@@ -121,3 +127,21 @@ def test_the_summary_of_before_stays_when_the_new_one_cannot_be_written(tmp_path
     with pytest.raises(KnotworkError, match=r"summary.json: cannot write"):
         sink.on_message("run.statistics", statistics(wall_s=2.0, nodes=NODES))
     assert (tmp_path / "summary.json").read_bytes() == before
+
+
+def test_estimates_are_compared_with_the_truth_in_the_frame_of_the_first_true_pose(tmp_path):
+    sink = SummaryWriter(SinkContext(tmp_path))
+    # The robot starts at (10, 5), heading along y, and drives 2 m ahead; the estimate is 3 cm and 4 cm off.
+    true = [(10.0, 5.0, math.pi / 2), (10.0, 6.0, math.pi / 2), (10.0, 7.0, math.pi / 2)]
+    estimates = [(0.0, 0.0, 0.0), (1.03, 0.0, 0.0), (2.0, -0.04, math.radians(3.0))]
+    for i, (t, e) in enumerate(zip(true, estimates, strict=True)):
+        stamps = {"stamp": 0, "scan_id": i}
+        sink.on_message("localizer.pose", Pose(role="estimate", pose=np.array(e), **stamps).sealed(i * S, i))
+        sink.on_message("sim.truth", Pose(role="truth", pose=np.array(t), **stamps).sealed(i * S, i))
+    sink.close()
+    truth = read(tmp_path)["truth"]
+    assert truth["n"] == 3
+    # the first estimate came before the first truth: it waits for it, like the others
+    assert truth["position_rms_m"] == pytest.approx(math.sqrt((0.03**2 + 0.04**2) / 3))
+    assert truth["position_max_m"] == pytest.approx(0.04)
+    assert truth["heading_rms_deg"] == pytest.approx(3.0 / math.sqrt(3))

@@ -1,0 +1,189 @@
+"""SLAM on a CARMEN log: accuracy against relations, time a scan, memory.
+
+    python bench/slam.py LOG [--relations FILE] [--limit N] [--every N] [--set map.sigma=0.2] ...
+
+Runs log driver, prior, map and localiser in a loop without the runtime, so that the figures are theirs.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knotwork.core.evaluation.relations import read_relations, score_relations
+from knotwork.core.evaluation.tum import StampedPoses
+from knotwork.core.messages import Message, Odometry, Pose, Scan
+from knotwork.core.registry import Registry
+
+
+@dataclass
+class Bench:
+    """A minimal context: what a node emits is kept in `sent`, blocks are timed."""
+
+    name: str
+    config: Any
+    options: Any
+    uses: dict[str, Any] = field(default_factory=dict)
+    out: Path = Path(".")
+    seed: int = 0
+    run: dict[str, Any] = field(default_factory=dict)
+    time: int = 0
+    sent: list[tuple[str, Message]] = field(default_factory=list)
+    times: dict[str, list[int]] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def emit(self, port: str, message: Message) -> None:
+        self.sent.append((port, message))
+
+    def now(self) -> int:
+        return self.time
+
+    def every(self, period: float, call: Callable[[int], None]) -> None:
+        pass
+
+    def report(self, level: str, text: str) -> None:
+        print(f"  {self.name} {level} at {self.time / 1e9:.1f} s: {text}")
+
+    def count(self, name: str, by: int = 1) -> None:
+        self.counts[name] = self.counts.get(name, 0) + by
+
+    @contextmanager
+    def measure(self, name: str = "") -> Iterator[None]:
+        start = time.perf_counter_ns()
+        yield
+        self.times.setdefault(name, []).append(time.perf_counter_ns() - start)
+
+
+def build(registry: Registry, plugin: str, **keys: Any) -> tuple[Any, Bench]:
+    """Build a plugin with those keys of its config or of its options."""
+    manifest = registry.find(plugin)
+    assert manifest is not None, registry.why_not(plugin)
+    own = {k: v for k, v in keys.items() if k in manifest.config.model_fields}
+    rest = {k: v for k, v in keys.items() if k not in own}
+    options = manifest.options(**rest) if manifest.options else None
+    context = Bench(plugin, manifest.config(**own), options)
+    return registry.load(manifest)(context), context
+
+
+def run(log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int) -> dict[str, Any]:
+    registry = Registry(third_parties=False)
+    driver, _ = build(registry, "carmen", path=str(log), **settings.get("log", {}))
+    prior, _ = build(registry, "ekf", **settings.get("prior", {}))
+    chart, chart_context = build(registry, "spline-surface", **settings.get("map", {}))
+    localizer, context = build(registry, "gauss-newton", **settings.get("localizer", {}))
+    context.uses = {"map": chart, "prior": prior}
+    contexts = [prior.context, chart_context, context]
+    for node in (prior, chart, localizer):
+        node.warm()
+    poses, stamps, quality, totals = [], [], [], []
+    seen = newest = 0
+    started = time.perf_counter()
+    for _port, message in driver.events():
+        newest = max(newest, message.stamp)
+        sealed = message.sealed(newest, seen)
+        seen += 1
+        for each in contexts:
+            each.time = newest
+        if isinstance(sealed, Odometry):
+            prior.on_odometry(sealed)
+        elif isinstance(sealed, Scan):
+            if sealed.scan_id % every:
+                continue
+            prior.on_scan(sealed)
+            before = time.perf_counter_ns()
+            localizer.on_scan(sealed)
+            totals.append(time.perf_counter_ns() - before)
+            pose = context.sent.pop()[1]
+            assert isinstance(pose, Pose)
+            prior.on_correction(pose.sealed(newest, seen))
+            poses.append(pose.pose)
+            stamps.append(sealed.stamp)
+            quality.append((pose.quality, pose.lost))
+            if limit and len(poses) >= limit:
+                break
+    wall = time.perf_counter() - started
+    ms = lambda values: {  # noqa: E731
+        "n": len(values),
+        "mean": float(np.mean(values)) / 1e6,
+        "p95": float(np.percentile(values, 95)) / 1e6,
+        "sum_per_scan": float(np.sum(values)) / len(poses) / 1e6,
+    }
+    return {
+        "poses": np.array(poses),
+        "stamps": np.array(stamps),
+        "quality": np.array(quality),
+        "covariances": None,
+        "map": chart,
+        "wall": wall,
+        "total": ms(totals),
+        "times": {k: ms(v) for k, v in context.times.items()},
+        "statistics": localizer.statistics(),
+        "prior_counts": prior.context.counts,
+        "nbytes": chart.nbytes,
+    }
+
+
+def show(result: dict[str, Any], relations: Path | None) -> None:
+    quality = result["quality"]
+    print(
+        f"{len(result['poses'])} scans in {result['wall']:.1f} s, map {result['nbytes'] / 1e6:.1f} MB, "
+        f"quality p1 {np.nanpercentile(quality[:, 0], 1):.2f} p5 {np.nanpercentile(quality[:, 0], 5):.2f} "
+        f"p50 {np.nanpercentile(quality[:, 0], 50):.2f}, no information {int(np.isnan(quality[:, 0]).sum())}, "
+        f"{result['statistics']}, prior {result['prior_counts']}"
+    )
+    for name, t in {"localizer": result["total"], **result["times"]}.items():
+        print(
+            f"  {name:10s} n {t['n']:6d} mean {t['mean']:.3f} p95 {t['p95']:.3f} ms, "
+            f"{t['sum_per_scan']:.3f} ms a scan"
+        )
+    if relations is not None:
+        score = score_relations(StampedPoses(result["stamps"], result["poses"]), read_relations(relations))
+        for name, part in (("all", score), ("short", score["short"]), ("long", score["long"])):
+            if part["used"]:
+                print(
+                    f"  {name:6s}{part['trans_abs_mean_m']:.4f} +- {part['trans_abs_std_m']:.4f} m, "
+                    f"{part['rot_abs_mean_deg']:.3f} +- {part['rot_abs_std_deg']:.3f} deg, "
+                    f"{part['used']} used, {part['missed']} missed"
+                )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("log", type=Path)
+    parser.add_argument("--relations", type=Path)
+    parser.add_argument("--limit", type=int, default=0, help="scans")
+    parser.add_argument("--every", type=int, default=1, help="only each so manieth scan")
+    parser.add_argument("--set", action="append", default=[], help="node.key=value, value in JSON")
+    parser.add_argument("--picture", type=Path)
+    arguments = parser.parse_args()
+    settings: dict[str, dict[str, Any]] = {}
+    for item in arguments.set:
+        key, _, value = item.partition("=")
+        node, _, name = key.partition(".")
+        settings.setdefault(node, {})[name] = json.loads(value)
+    result = run(arguments.log, settings, arguments.limit, arguments.every)
+    relations = arguments.relations
+    beside = arguments.log.with_name(arguments.log.name.replace(".clf", ".relations"))
+    if relations is None and beside != arguments.log and beside.exists():
+        relations = beside
+    show(result, relations)
+    if arguments.picture:
+        from PIL import Image
+
+        cells, resolution, origin = result["map"].rasterize()
+        grey = np.where(cells < 0, 205, 255 - 2.55 * cells).astype(np.uint8)
+        columns = ((result["poses"][:, 0] - origin[0]) / resolution).astype(int).clip(0, cells.shape[1] - 1)
+        rows = ((result["poses"][:, 1] - origin[1]) / resolution).astype(int).clip(0, cells.shape[0] - 1)
+        colour = np.repeat(grey[:, :, None], 3, axis=2)
+        colour[rows, columns] = (220, 30, 30)
+        Image.fromarray(colour[::-1]).save(arguments.picture)
+
+
+if __name__ == "__main__":
+    main()

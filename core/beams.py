@@ -1,0 +1,103 @@
+"""A scan as points and rays in the robot's frame, de-skewed: what every map makes of it first."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotwork.core.kernel import kernel
+from knotwork.core.messages import F64, Scan
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Beams:
+    """A scan in the robot's frame at the scan's stamp.
+
+    Attributes
+    ----------
+    points : shape (n, 2)
+        Where beams ended [m].
+    rays : shape (k, 6)
+        Origin x, y [m], direction x, y (unit), length [m], 1 if the beam ended there, 0 for no return.
+        Invalid beams (NaN, too near) are left out.
+    """
+
+    points: F64
+    rays: F64
+
+
+def beams_of(scan: Scan, range_min: float, range_max: float, motion: F64 | None = None) -> Beams:
+    """Return the beams of a scan.
+
+    Parameters
+    ----------
+    scan
+        Ranges at or beyond `range_max` (or the scan's own) are no return, of that length.
+    range_min, range_max
+        [m]; shorter ranges are ignored.
+    motion : shape (3,) or None
+        Twist of the robot during the scan: each beam is moved to the stamp by it; None: as measured.
+    """
+    n = len(scan.ranges)
+    points = np.empty((n, 2))
+    rays = np.empty((n, 6))
+    vx, vy, w = (0.0, 0.0, 0.0) if motion is None else motion.tolist()
+    mx, my, myaw = scan.mount
+    hits, kept = fill_beams(
+        scan.ranges, scan.angle_min, scan.angle_increment, mx, my, myaw,
+        max(range_min, scan.range_min), min(range_max, scan.range_max),
+        scan.time_offset, scan.time_increment, vx, vy, w, points, rays,
+    )  # fmt: skip
+    return Beams(points[:hits], rays[:kept])
+
+
+@kernel
+def fill_beams(
+    ranges: Array, angle_min: float, angle_increment: float, mx: float, my: float, myaw: float,
+    range_min: float, range_max: float, time_offset: float, time_increment: float,
+    vx: float, vy: float, w: float, points: Array, rays: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Fill `points` and `rays` of `Beams`; return how many of each."""
+    hits = kept = 0
+    still = vx == 0.0 and vy == 0.0 and w == 0.0
+    for i in range(ranges.shape[0]):
+        r = float(ranges[i])
+        if not r >= range_min or r <= 0.0:  # NaN too
+            continue
+        angle = myaw + angle_min + i * angle_increment
+        ox = mx
+        oy = my
+        if not still:  # pose of the robot at the beam's time, seen from the one at the stamp
+            t = time_offset + i * time_increment
+            a = w * t
+            if abs(a) < 1e-4:
+                p = t * (1.0 - a * a / 6.0)
+                q = 0.5 * t * a
+            else:
+                p = math.sin(a) / w
+                q = (1.0 - math.cos(a)) / w
+            c = math.cos(a)
+            s = math.sin(a)
+            ox = p * vx - q * vy + c * mx - s * my
+            oy = q * vx + p * vy + s * mx + c * my
+            angle += a
+        ux = math.cos(angle)
+        uy = math.sin(angle)
+        ended = r < range_max
+        length = r if ended else range_max
+        if ended:
+            points[hits, 0] = ox + r * ux
+            points[hits, 1] = oy + r * uy
+            hits += 1
+        rays[kept, 0] = ox
+        rays[kept, 1] = oy
+        rays[kept, 2] = ux
+        rays[kept, 3] = uy
+        rays[kept, 4] = length
+        rays[kept, 5] = 1.0 if ended else 0.0
+        kept += 1
+    return hits, kept

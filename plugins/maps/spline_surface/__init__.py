@@ -1,0 +1,39 @@
+"""Map of uniform cubic B-spline surfaces of log-odds, one a level (thesis chapter 7)."""
+
+from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
+from knotwork.core.map_config import MapConfig
+
+
+class SplineSurfaceConfig(MapConfig):
+    """Config of the B-spline surface map."""
+
+    resolution: tuple[float, ...] = quantity(
+        (0.30, 0.125, 0.05, 0.03), "m", "knot interval of each level, coarse to fine", min_length=1, max_length=8
+    )
+
+
+class SplineSurfaceOptions(PluginConfig):
+    """What only this map understands."""
+
+    sigma: float = quantity(0.15, "1", "standard deviation of the residual 1 - s / clamp of a good beam", gt=0)
+    beams: float = quantity(
+        180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
+    )
+    free_step: float = quantity(0.15, "m", "interval of the free samples along a beam", gt=0)
+    margin: float = quantity(0.15, "m", "free samples stop this far before the end of a beam", ge=0)
+    free_no_return: float = quantity(
+        0.0, "m", "a beam without return is free up to this, and to `range_max`; 0: it says nothing", ge=0
+    )
+
+
+MANIFEST = Manifest(
+    name="spline-surface",
+    kind="map",
+    summary="B-spline surfaces of log-odds, several knot intervals, growing with the explored area",
+    impl="knotwork.plugins.maps.spline_surface.map:SplineSurface",
+    config=SplineSurfaceConfig,
+    options=SplineSurfaceOptions,
+    outputs={"grid": Port("grid", summary="raster of the map, every `publish` seconds and at the end")},
+    provides=("map",),
+    example="map: {plugin: spline-surface, resolution: [0.30, 0.125, 0.05, 0.03]}",
+)

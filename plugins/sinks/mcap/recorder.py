@@ -1,0 +1,255 @@
+"""The recorder: two channels a stream, whole chunks, a flush each second, a full disk survived.
+
+Lossless: topic `/knotwork/<node>/<port>`, encoding `msgpack` (knotwork.core.codec), schema
+`knotwork.<type>`; this is what a replay reads. View: topic `/<node>/<port>`, or `/tf` for transforms,
+under a schema viewers know. Log time is the message's `time`, publish time its `stamp`.
+"""
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from threading import Event, Lock, Thread
+from typing import Any
+
+import msgspec
+
+from knotwork import __version__
+from knotwork.core import codec
+from knotwork.core.contracts import Context, Sink
+from knotwork.core.errors import KnotworkError
+from knotwork.core.log.reader import ENCODING, PREFIX, RUN, SCHEMA_PREFIX
+from knotwork.core.log.writer import McapWriter, sync
+from knotwork.core.message_types import is_wall_clock
+from knotwork.core.messages import Message
+from knotwork.core.views import View, views
+from knotwork.plugins.sinks.mcap import McapConfig
+
+
+@dataclass(slots=True)
+class _View:
+    view: View
+    topic: str
+    channel: int = 0  # 0 until the first message that it renders
+
+
+@dataclass(slots=True)
+class _Stream:
+    channel: int
+    metadata: dict[str, str]
+    views: list[_View]
+
+
+class McapRecorder(Sink):
+    """Records messages; `on_message`, `close` from one thread, a second thread flushes.
+
+    The flush and fsync periods are wall time: they bound what a crash can take, and no message
+    depends on them.
+    """
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        config: McapConfig = context.config
+        self._config = config
+        self.path = context.out / config.path
+        self._writer: McapWriter | None = None
+        self._file: Any = None
+        self._lock = Lock()  # guards the writer
+        self._streams: dict[tuple[str, type[Message]], _Stream | None] = {}
+        self._schemas: dict[str, int] = {}
+        self._shared: dict[tuple[str, str], int] = {}  # (topic, schema) of a shared view to its channel
+        self._placed: dict[str, str] = {}  # frame to the stream that places it
+        self._unfit: set[str] = set()  # streams with messages that have no binary form
+        self._failure: OSError | None = None  # why writing fails; None while it does not
+        self._failed_size = -1  # bytes of the file when the failure was reported; -1 before
+        self._totals: dict[str, float] = {}
+        self._stop = Event()
+        self._flusher = Thread(target=self._flush_each_period, name=f"{context.name}-flush", daemon=True)
+
+    def open(self) -> None:
+        """Create the file and write what is known of the run.
+
+        Raises
+        ------
+        KnotworkError
+            The file cannot be created.
+        """
+        config = self._config
+        if config.views:
+            views("")  # imports the schemas now, not while messages wait
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._create(self.path)
+            self._writer = McapWriter(
+                self._file,
+                compression=config.compression,
+                level=config.level,
+                chunk_size=config.chunk_size,
+                library=f"knotwork {__version__}",
+            )
+            self._writer.add_metadata(RUN, {key: _text(value) for key, value in self.context.run.items()})
+            self._writer.flush()
+        except OSError as error:
+            self._writer = None
+            if self._file is not None:
+                self._file.close()
+            raise KnotworkError(
+                f"cannot write the log: {error.strerror}",
+                where=str(self.path),
+                hint="free some space, or set `path` to a folder that you may write to",
+            ) from error
+        self._flusher.start()
+
+    @staticmethod
+    def _create(path: Path) -> Any:
+        return path.open("wb", buffering=0)
+
+    def on_message(self, stream: str, message: Message) -> None:
+        """Write one message and its views."""
+        key = (stream, type(message))
+        try:
+            with self._lock:
+                if key in self._streams:
+                    found = self._streams[key]
+                else:
+                    self._streams[key] = None
+                    found = self._streams[key] = self._register(stream, message)
+                if found is not None:
+                    self._write(stream, found, message)
+        except KnotworkError as error:
+            self.context.count("unfit_messages")
+            if stream not in self._unfit:
+                self._unfit.add(stream)
+                self.context.report("error", f"{stream} is not fully recorded: {error}")
+        if self._failure is not None:
+            self._report_failure()
+
+    def close(self) -> None:
+        """Write the indexes; the file is then finished."""
+        self._stop.set()
+        if self._flusher.is_alive():
+            self._flusher.join()
+        if self._failure is not None and self._writer is not None:
+            self._report_failure()
+        writer, self._writer = self._writer, None
+        if writer is None or self._file is None:
+            return
+        try:
+            writer.finish()
+            sync(self._file)
+        except OSError as error:
+            self.context.report(
+                "error",
+                f"{self.path}: no index: {error.strerror}; {writer.dropped} records were dropped "
+                f"(knotwork log recover {self.path})",
+            )
+        finally:
+            self._totals = self._figures(writer)
+            self._file.close()
+
+    def statistics(self) -> dict[str, float]:
+        """Return records (messages and views) written and dropped, and bytes of the file."""
+        return self._totals if self._writer is None else self._figures(self._writer)
+
+    @staticmethod
+    def _figures(writer: McapWriter) -> dict[str, float]:
+        return {"records": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
+
+    def _register(self, stream: str, message: Message) -> _Stream | None:
+        """Make the channel of a new stream; None when it is not recorded."""
+        config, name = self._config, message.type_name
+        if not any(fnmatchcase(stream, pattern) for pattern in config.include):
+            return None
+        if any(fnmatchcase(stream, pattern) for pattern in config.exclude):
+            return None
+        assert self._writer is not None
+        topic = stream.replace(".", "/")
+        metadata = {
+            "stream": stream,
+            "type": name,
+            "role": getattr(message, "role", ""),
+            "knotwork": __version__,
+        }
+        if is_wall_clock(name):
+            metadata["wall_clock"] = "true"
+        schema = self._schema(SCHEMA_PREFIX + name, "jsonschema", lambda: codec.json_schema(type(message)))
+        channel = self._writer.register_channel(PREFIX + topic, ENCODING, schema, metadata)
+        shown = [_View(view, view.topic or "/" + topic) for view in views(name)] if config.views else []
+        return _Stream(channel, {**metadata, "view_of": PREFIX + topic}, shown)
+
+    def _write(self, stream: str, found: _Stream, message: Message) -> None:
+        log_time, stamp, seq = max(message.time, 0), max(message.stamp, 0), max(message.seq, 0)
+        self._add(found.channel, log_time, stamp, seq, codec.encode(message))
+        for shown in found.views:
+            places = shown.view.places
+            frame = places(message) if places else ""
+            if frame and self._placed.get(frame, stream) != stream:
+                continue
+            data = shown.view.render(message)
+            if data is None:
+                continue
+            if frame:
+                self._placed[frame] = stream
+            if not shown.channel:
+                shown.channel = self._view_channel(shown, found)
+            self._add(shown.channel, log_time, stamp, seq, data)
+
+    def _add(self, channel: int, log_time: int, stamp: int, seq: int, data: bytes) -> None:
+        assert self._writer is not None
+        try:
+            self._writer.add(channel, log_time, stamp, seq, data)
+        except OSError as error:
+            self._failure = error
+
+    def _view_channel(self, shown: _View, found: _Stream) -> int:
+        assert self._writer is not None
+        view = shown.view
+        key = (shown.topic, view.schema)
+        channel = self._shared.get(key)
+        if channel is None:
+            schema = self._schema(view.schema, view.schema_encoding, lambda: view.definition)
+            metadata = {k: v for k, v in found.metadata.items() if k in ("view_of", "wall_clock") and not view.topic}
+            channel = self._writer.register_channel(shown.topic, view.encoding, schema, {"view": "true", **metadata})
+            self._shared[key] = channel
+        return channel
+
+    def _schema(self, name: str, encoding: str, data: Any) -> int:
+        assert self._writer is not None
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, encoding, data())
+        return self._schemas[name]
+
+    def _flush_each_period(self) -> None:
+        """Flush and fsync until the recorder closes; a slow disk holds up nobody but this thread."""
+        config = self._config
+        flushes_a_sync = max(round(config.fsync / config.flush), 1)
+        flushes = 0
+        while not self._stop.wait(config.flush):
+            flushes += 1
+            try:
+                with self._lock:
+                    if self._writer is not None:
+                        self._writer.flush()
+                if config.fsync and flushes % flushes_a_sync == 0:
+                    sync(self._file)
+            except OSError as error:
+                self._failure = error
+
+    def _report_failure(self) -> None:
+        """Say once that writing fails, and once that it goes on."""
+        writer, failure = self._writer, self._failure
+        assert writer is not None
+        assert failure is not None
+        if self._failed_size < 0:
+            self._failed_size = writer.size
+            self.context.report(
+                "error",
+                f"{self.path}: {failure.strerror}: what is written is kept ({writer.size} bytes), "
+                "messages are dropped until it can grow again",
+            )
+        elif writer.size > self._failed_size + 2 * self._config.chunk_size:  # not just what still found room
+            self._failed_size, self._failure = -1, None
+            self.context.report("warning", f"{self.path}: recording again; {writer.dropped} records were dropped")
+
+
+def _text(value: Any) -> str:
+    return msgspec.json.encode(value, enc_hook=str).decode()
