@@ -12,11 +12,12 @@ from knotwork.core.clock import epoch
 from knotwork.core.emulator.robot import Robot, WheelSample
 from knotwork.core.emulator.watch import Event, Watch
 from knotwork.core.errors import DriverError
+from knotwork.core.geometry import Pose2
 from knotwork.core.protocols import agilex
 from knotwork.core.world.files import load_world
 from knotwork.core.world.kinematics import body_twist, limited, wheel_speeds
 from knotwork.core.world.parameters import BaseParameters
-from knotwork.core.world.scene import Pose2, World
+from knotwork.core.world.scene import World
 
 _MOTION_PERIOD = 20_000_000  # ns
 _STATE_PERIOD = 100_000_000

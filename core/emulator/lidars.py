@@ -69,8 +69,8 @@ class Lidar(ABC):
             if now - self._time > 1_000_000_000:  # the process slept: the robot's path then is forgotten
                 self._time = now
                 return
-            data = self._packet()
-            self.line.send(data, now)
+            self.line.send(self._packet(), now)
+        self._robot.motion.forget(min(self._time, now))
 
     def receive(self, data: bytes, now: int) -> None:  # noqa: B027
         """Take bytes from the host; a lidar that only sends ignores them."""

@@ -5,15 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knotwork.core.geometry import Pose2, relative
 from knotwork.core.world.base import SimulatedBase
-from knotwork.core.world.kinematics import body_twist, relative
+from knotwork.core.world.kinematics import body_twist
 from knotwork.core.world.motion import Leg, Motion
 from knotwork.core.world.parameters import BaseParameters
 from knotwork.core.world.raycast import RayCaster
-from knotwork.core.world.scene import Pose2, World
+from knotwork.core.world.scene import World
 
 _STEP = 10_000_000  # ns; longest step of the motion
-_HISTORY = 300_000_000  # ns of motion that a lidar may look back
+_HISTORY = 1_000_000_000  # ns of motion that a late lidar may look back
 _PAUSE = 2_000_000_000  # ns; a process that slept longer than this has missed it, and so has its robot
 _SAMPLES = 30_000
 
@@ -47,7 +48,7 @@ class Robot:
     time
         Of the last step's end [ns since 1970].
     motion
-        True path of the last 0.3 s.
+        True path of the last second, or since a lidar looked at it.
     angles
         Of the wheels as the encoders count them, left and right [rad].
     wheels

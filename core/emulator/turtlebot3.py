@@ -17,10 +17,11 @@ from knotwork.core.emulator.robot import Robot, WheelSample
 from knotwork.core.emulator.watch import Event, Watch
 from knotwork.core.emulator.xl430_motor import Motor
 from knotwork.core.errors import InputError
+from knotwork.core.geometry import Pose2
 from knotwork.core.protocols import xl430
 from knotwork.core.world.files import load_world
 from knotwork.core.world.parameters import BaseParameters, LidarParameters
-from knotwork.core.world.scene import Pose2, World
+from knotwork.core.world.scene import World
 from knotwork.core.world.seeding import generator
 
 # The mechanics; the firmware's limits are far below.

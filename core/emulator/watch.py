@@ -13,7 +13,7 @@ from knotwork.core.evaluation.tum import tum_line
 
 _PERIOD = 10_000_000  # ns between poses of the true path
 _STANDING = 1e-3  # m/s
-_KEPT = 100_000
+_KEPT = 20_000
 
 
 @dataclass(frozen=True)

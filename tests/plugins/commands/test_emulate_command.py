@@ -6,12 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import can
 import pytest
 import serial
 
 from knotwork.core.errors import InputError
 from knotwork.core.evaluation.tum import read_tum
-from knotwork.core.protocols import lds02
+from knotwork.core.protocols import agilex, lds02
 from knotwork.plugins.commands.emulate.faults import Fault, rates, timed
 
 PROGRAM = "import sys; from knotwork.core.cli.main import main; sys.exit(main())"
@@ -80,3 +81,34 @@ def test_mistakes_are_one_line() -> None:
     assert process.returncode == 2
     assert errors.startswith("knotwork: no world 'nowhere'")
     assert errors.count("\n") == 1
+
+
+def test_agilex_on_multicast(tmp_path: Path) -> None:
+    events, channel = tmp_path / "events.jsonl", "239.74.163.77"
+    try:
+        bus = can.Bus(interface="udp_multicast", channel=channel, port=43999)
+    except (can.CanError, OSError) as error:
+        pytest.skip(f"no multicast here: {error}")
+    with bus:
+        process = emulate(
+            "agilex", "--world", "arena", "--channel", channel, "--port", "43999", "--events", str(events)
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"can: udp_multicast {channel}\n"
+        decoder = agilex.Decoder()
+        names = set()
+        for frame in (agilex.encode("ControlMode", mode=agilex.CAN), agilex.motion_command(0.2, 0.0)):
+            bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+        for _ in range(200):
+            message = bus.recv(1.0)
+            if message is None:
+                break
+            decoded = decoder.decode(message.arbitration_id, message.data)
+            assert decoded is not None
+            names.add(decoded.name)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, "")
+    assert {"SystemState", "MotionState", "Odometer"} <= names
+    kinds = [line.split('"event": "')[1].split('"')[0] for line in events.read_text().splitlines()]
+    assert kinds == ["mode", "command", "moving", "watchdog", "standing"]
