@@ -223,6 +223,8 @@ class TurtleBot3:
             self._lines[part].plug()
             if part == "lidar":  # the plug is its power as well
                 self.lidar.power_on(now)
+            else:
+                self.board.parser.reset()
             self._watch.note(now, "plug", {"lidar": float(part == "lidar")})
             return now
 

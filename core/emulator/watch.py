@@ -61,7 +61,7 @@ class Watch:
         self._robot = robot
         self._frame = frame
         self._next = robot.time
-        self._moving = False
+        self._moving = self._blocked = False
         self._last = robot.pose("world")
         self._lock = threading.Lock()  # events come from the loop and from whoever switches faults
         self._files = [_open(path) for path in (truth, events)]
@@ -80,6 +80,10 @@ class Watch:
         if moving != self._moving:
             self._moving = moving
             self.note(stamp, "moving" if moving else "standing", {})
+        if self._robot.base.blocked != self._blocked:
+            self._blocked = self._robot.base.blocked
+            if self._blocked:
+                self.note(stamp, "collision", {})
         if stamp >= self._next:
             self._next = max(self._next + _PERIOD, stamp + _PERIOD // 2)
             here = self._robot.pose("world")

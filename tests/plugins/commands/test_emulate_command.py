@@ -1,5 +1,6 @@
 """`knotwork emulate`: what it prints, its fault switches, and how it ends."""
 
+import argparse
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import serial
 from knotwork.core.errors import InputError
 from knotwork.core.evaluation.tum import read_tum
 from knotwork.core.protocols import agilex, lds02
+from knotwork.plugins.commands.emulate.command import Emulate
 from knotwork.plugins.commands.emulate.faults import Fault, rates, timed
 
 PROGRAM = "import sys; from knotwork.core.cli.main import main; sys.exit(main())"
@@ -73,6 +75,18 @@ def test_scheduled_faults_and_duration(tmp_path: Path) -> None:
     assert (process.returncode, errors) == (0, "")
     kinds = [line.split('"event": "')[1].split('"')[0] for line in events.read_text().splitlines()]
     assert kinds == ["stall", "unplug", "stall", "plug"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["--seed", "-1"], ["--duration", "nan"], ["--range-error", "0.7"], ["--latency", "-1"], ["--spin-up", "99"]],
+)
+def test_numbers_out_of_bounds(options: list[str]) -> None:
+    parser = argparse.ArgumentParser()
+    command = Emulate()
+    command.arguments(parser)
+    with pytest.raises(InputError, match=f"{options[0]}: expected"):
+        command.run(parser.parse_args(["turtlebot3", *options]))
 
 
 def test_mistakes_are_one_line() -> None:
