@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from knotwork.core.protocols import agilex, lds01, lds02, opencr
+from knotwork.core.protocols import agilex, lds01, lds02, lds03, opencr
 from knotwork.core.protocols import dynamixel as dxl
 
 CHUNK = 64
@@ -33,6 +33,15 @@ def lds02_turns(random: np.random.Generator) -> bytes:
             2160, k * 1127 % 36000, (k * 1127 + 1033) % 36000, draw(0, 8000, 12).tolist(), draw(0, 255, 12).tolist(), k
         )
         for k in range(32)
+    )
+
+
+def lds03_turn(random: np.random.Generator) -> bytes:
+    """Ten packets a turn."""
+    draw = random.integers
+    return b"".join(
+        lds03.encode(k == 0, 10.0, 36.0 * k, 36.0 * k + 35.1, draw(0, 9000, 40).tolist(), draw(0, 255, 40).tolist())
+        for k in range(10)
     )
 
 
@@ -72,6 +81,7 @@ def main() -> int:
     serial = [
         ("LDS-01, 5 turns/s", lds01.Parser, lds01_turns(random), 5.0),
         ("LDS-02, 2300 points/s", lds02.Parser, lds02_turns(random), 2300.0 / 12 / 32),
+        ("LDS-03, 4000 samples/s", lds03.Parser, lds03_turn(random), 10.0),
         ("OpenCR, 50 Hz", dxl.Parser, opencr_answers(random), 50.0),
         ("two motors, 50 Hz", dxl.Parser, motor_answers(random), 50.0),
     ]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from electronics_bench import BODY, FakeLine
 
-from knotwork.core.emulator.lidars import Lds01, Lds02, Lidar
+from knotwork.core.emulator.lidars import Lds01, Lds02, Lds03, Lidar
 from knotwork.core.emulator.robot import Robot
-from knotwork.core.protocols import lds01, lds02
+from knotwork.core.protocols import lds01, lds02, lds03
 from knotwork.core.world.parameters import LidarParameters
 from knotwork.core.world.scene import World, box
 
@@ -110,3 +110,19 @@ def test_lds02_points_lie_on_the_walls_after_correction(start: tuple[float, floa
     good = np.isfinite(beams)
     assert good.sum() > 340
     assert np.median(np.abs(beams - truth)[good]) < 0.01
+
+
+def test_lds03_waits_for_its_command_and_measures_clockwise() -> None:
+    lidar, robot = make(Lds03, (0.3, -0.2, 2.0), 12.0)
+    assert lidar.next_due() is None
+    lidar.spin_up = 0.1
+    for byte in lds03.START:  # in any chunks
+        lidar.receive(bytes((byte,)), robot.time)
+    packets = lds03.Parser().feed(live(lidar, robot, 0.35))
+    turns = lds03.Revolutions()
+    (turn, *_) = [t for p in packets for t in turns.add(p, 0)]
+    x, y, yaw = sensor((0.3, -0.2, 2.0))
+    assert len(turn.angles) == 400
+    np.testing.assert_allclose(turn.distances * 1e-3, to_wall(x, y, yaw - turn.angles), atol=0.003)
+    lidar.receive(lds03.STOP, robot.time)
+    assert lidar.next_due() is None
