@@ -109,6 +109,7 @@ class NormalEquations:
 
     The step that lowers the cost is -H^-1 g: `H` (3, 3) and `g` (3,) are sum(w J^T J) and sum(w J^T r)
     with r the residual and J its Jacobian with respect to (x, y, yaw) of the robot pose, both whitened.
+    Losses are r^2 near zero, so `g` is half the gradient of `cost`.
     """
 
     H: F64

@@ -120,14 +120,11 @@ def _wires(
 ) -> list[Stream]:
     path = f"nodes.{node.name}.inputs.{name}"
     fitting = [s for s in streams if s.node != node.name and _fits(s, port)]
+    wanted = Stream("", "", port.message, port.role).what
     if name in node.inputs:
-        wires = []
-        for text in node.inputs[name]:
-            wires.extend(_explicit(pipeline, path, text, name, port, streams, problems))
-        return wires
+        return _written(pipeline, node, path, name, port, streams, problems)
     if port.many or len(fitting) == 1:
         return fitting
-    wanted = Stream("", "", port.message, port.role).what
     here = pipeline.where(f"nodes.{node.name}")
     if fitting:
         listed = ", ".join(map(str, fitting))
@@ -146,11 +143,33 @@ def _wires(
     return []
 
 
+def _written(
+    pipeline: "Pipeline",
+    node: "NodeSpec",
+    path: str,
+    name: str,
+    port: Port,
+    streams: Iterable[Stream],
+    problems: list[Problem],
+) -> list[Stream]:
+    """Return the wires that the YAML writes for a port, each once."""
+    written = dict.fromkeys(node.inputs[name])
+    wires: list[Stream] = []
+    for text in written:
+        wires.extend(s for s in _explicit(pipeline, path, text, port, streams, problems) if s not in wires)
+    wanted = Stream("", "", port.message, port.role).what
+    if len(wires) > 1 and not port.many:
+        listed = ", ".join(map(str, wires))
+        problems.append(Problem(pipeline.where(path), path, f"input {name!r} takes one {wanted}, got {listed}"))
+    if not written and not port.optional and not port.many:
+        problems.append(Problem(pipeline.where(path), path, f"input {name!r} needs a {wanted}: the list is empty"))
+    return wires
+
+
 def _explicit(
     pipeline: "Pipeline",
     path: str,
     text: str,
-    name: str,
     port: Port,
     streams: Iterable[Stream],
     problems: list[Problem],
@@ -250,7 +269,10 @@ def _cycles(
     drivers = {n.name for n in pipeline.nodes.values() if n.manifest.kind == "driver"}
     flows = [(e.stream.node, e.node, e.feedback or e.node in drivers) for e in edges]
     flows += [(u.target, u.node, False) for u in uses]
+    used = {(u.target, u.node) for u in uses}
     for cycle in _circles((a, b) for a, b, legal in flows if not legal):
+        if all(pair in used for pair in zip(cycle, (*cycle[1:], cycle[0]), strict=True)):
+            continue  # `_order` has said so
         chain = " -> ".join([*cycle, cycle[0]])
         message = f"streams go in a circle: {chain}"
         hint = "a cycle is legal only through a driver or a feedback port"
@@ -304,10 +326,11 @@ def mermaid(graph: Graph, pipeline: "Pipeline") -> str:
     lines += [f'  {_identifier(name)}["{name}<br/>{node.plugin}"]' for name, node in pipeline.nodes.items()]
     for e in graph.edges:
         arrow = "-.->" if e.feedback else "-->"
-        lines.append(f"  {_identifier(e.stream.node)} {arrow}|{e.stream.what}| {_identifier(e.node)}")
-    lines += [f"  {_identifier(u.node)} ===|uses {u.protocol}| {_identifier(u.target)}" for u in graph.uses]
+        lines.append(f'  {_identifier(e.stream.node)} {arrow}|"{e.stream.what}"| {_identifier(e.node)}')
+    lines += [f'  {_identifier(u.node)} ===|"uses {u.protocol}"| {_identifier(u.target)}' for u in graph.uses]
     return "\n".join(lines)
 
 
 def _identifier(name: str) -> str:
-    return "n_" + "".join(c if c.isalnum() else "_" for c in name)
+    # Injective, so that `a-b` and `a_b` stay two nodes.
+    return "n_" + "".join(c if c.isascii() and c.isalnum() else f"_{ord(c):x}_" for c in name)

@@ -8,7 +8,7 @@ import difflib
 import importlib
 import importlib.util
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Any
@@ -16,7 +16,8 @@ from typing import Any
 import pluggy
 from pydantic import BaseModel
 
-from knotwork.core.errors import InputError
+from knotwork.core import message_types
+from knotwork.core.errors import InputError, KnotworkError
 from knotwork.core.hooks import PROJECT, Hooks
 from knotwork.core.manifest import CONTRACT_VERSION, KINDS, Manifest
 
@@ -32,13 +33,15 @@ class Record:
     distribution: str  # "knotwork 0.1.0" or the third party's
     manifest: Manifest | None
     cause: str = ""  # why it cannot be used; empty when it can
+    source: str = ""  # where the manifest came from: `package.module` or `package.module:NAME`
+    missing: bool = False  # it would work if what `cause` names were installed
 
     @property
     def state(self) -> str:
-        """`ok`, `missing` (an extra is not installed) or `broken`."""
+        """`ok`, `missing` (something it needs is not installed) or `broken`."""
         if not self.cause:
             return "ok"
-        return "missing" if self.manifest is not None else "broken"
+        return "missing" if self.missing else "broken"
 
 
 class Registry:
@@ -96,21 +99,38 @@ class Registry:
         close = difflib.get_close_matches(name, self._records, n=1)
         return f"did you mean {close[0]!r}?" if close else "`knotwork plugins` lists them"
 
+    def add(self, manifest: Manifest, distribution: str, source: str = "") -> None:
+        """Add one manifest; a name that is taken stays with its first owner."""
+        cause = _unusable(manifest)
+        missing = not cause and (cause := _missing(manifest)) != ""
+        kind = manifest.kind if manifest.kind in KINDS else "?"
+        known = self._records.get(manifest.name)
+        if known is not None:
+            cause, missing = f"the name {manifest.name!r} is taken by {known.distribution}", False
+        cause = cause or _register_types(manifest)
+        self._keep(Record(str(manifest.name), kind, distribution, manifest, cause, source, missing))
+
+    def _keep(self, record: Record) -> None:
+        """Put a record under its name, or under a name that says whose it is when that is taken."""
+        if record.name in self._records:
+            record = replace(record, name=f"{record.name} ({record.distribution})")
+        self._records[record.name] = record
+
     def _discover(self, name: str, source: str | EntryPoint, distribution: str) -> None:
+        path = source if isinstance(source, str) else source.value
         # Whatever a stranger's module does while it is imported, the others must stay usable.
         try:
             found = importlib.import_module(source) if isinstance(source, str) else source.load()
             manifests = self._manifests(found)
+            if isinstance(found, ModuleType) and not self.hooks.is_registered(found):
+                self.hooks.register(found, name=f"{distribution}:{name}")
+            for manifest in manifests:
+                self.add(manifest, distribution, path)
         except (Exception, SystemExit) as error:  # noqa: BLE001
-            self._records[name] = Record(name, "?", distribution, None, _cause(error))
-            return
-        for manifest in manifests:
-            self._add(manifest, distribution)
-        if isinstance(found, ModuleType) and not self.hooks.is_registered(found):
-            self.hooks.register(found, name=f"{distribution}:{name}")
+            self._keep(Record(name, "?", distribution, None, _cause(error), path))
 
     @staticmethod
-    def _manifests(found: object) -> list[Manifest]:
+    def _manifests(found: Any) -> list[Manifest]:
         if isinstance(found, ModuleType):
             give = getattr(found, "knotwork_manifests", None)
             found = give() if give is not None else getattr(found, "MANIFEST", found)
@@ -120,17 +140,6 @@ class Registry:
                 raise TypeError(f"expected a knotwork.core.manifest.Manifest, got {type(manifest).__name__}")
             manifests.append(manifest)
         return manifests
-
-    def _add(self, manifest: Manifest, distribution: str) -> None:
-        known = self._records.get(manifest.name)
-        cause = _unusable(manifest)
-        if known is not None:
-            cause = f"the name is taken by {known.distribution}"
-            name = f"{manifest.name} ({distribution})"
-            self._records[name] = Record(name, manifest.kind, distribution, manifest, cause)
-            return
-        kind = manifest.kind if manifest.kind in KINDS else "?"
-        self._records[manifest.name] = Record(manifest.name, kind, distribution, manifest, cause)
 
 
 def load_object(path: str, whose: str) -> Any:
@@ -142,7 +151,8 @@ def load_object(path: str, whose: str) -> Any:
         raise InputError(f"{path!r} cannot be imported: {_cause(error)}", where=whose) from error
 
 
-def _unusable(manifest: Manifest) -> str:
+def _unusable(manifest: Any) -> str:
+    """Return why a manifest, whatever a stranger put into it, cannot be used."""
     if manifest.kind not in KINDS:
         return f"unknown kind {manifest.kind!r}, expected one of {', '.join(KINDS)}"
     if manifest.contract != CONTRACT_VERSION:
@@ -152,10 +162,24 @@ def _unusable(manifest: Manifest) -> str:
     for model in (manifest.config, manifest.options):
         if model is not None and not _is_model(model):
             return f"config must be a pydantic model class, got {model!r}"
-    missing = [name for name in manifest.requires if importlib.util.find_spec(name.partition(".")[0]) is None]
-    if missing:
-        needed = f"pip install 'knotwork[{manifest.extra}]'" if manifest.extra else f"pip install {' '.join(missing)}"
-        return f"needs {', '.join(missing)}: {needed}"
+    return ""
+
+
+def _missing(manifest: Manifest) -> str:
+    absent = [name for name in manifest.requires if importlib.util.find_spec(name.partition(".")[0]) is None]
+    if not absent:
+        return ""
+    needed = f"pip install 'knotwork[{manifest.extra}]'" if manifest.extra else f"pip install {' '.join(absent)}"
+    return f"needs {', '.join(absent)}: {needed}"
+
+
+def _register_types(manifest: Manifest) -> str:
+    """Make the plugin's message types known; return why that cannot be done."""
+    for name, path in manifest.message_types.items():
+        try:
+            message_types.register(name, path)
+        except KnotworkError as error:
+            return error.message
     return ""
 
 

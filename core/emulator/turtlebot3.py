@@ -97,6 +97,9 @@ class Settings:
 class TurtleBot3:
     """The robot; a context manager that runs it in a thread of its own.
 
+    A host in the same process that waits by spinning, as ROBOTIS's SDK does, starves that thread unless
+    `sys.setswitchinterval` is short.
+
     Raises
     ------
     InputError

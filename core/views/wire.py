@@ -6,7 +6,7 @@ https://protobuf.dev/programming-guides/encoding. A tag is `field << 3 | kind`.
 
 import struct
 from functools import lru_cache
-from math import cos, sin
+from math import cos, isfinite, nan, sin
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,8 @@ def doubles(field: int, values: NDArray[Any]) -> bytes:
 
 def place(position: int, orientation: int, x: float, y: float, yaw: float) -> bytes:
     """Encode a foxglove.Vector3 (x, y, 0) and a foxglove.Quaternion about z as these two fields."""
+    if not isfinite(yaw):
+        yaw = nan  # sin(inf) raises
     return _PLACE.pack(
         position << 3 | _BYTES, 18, _X, x, _Y, y,
         orientation << 3 | _BYTES, 18, _Z, sin(yaw / 2), _W, cos(yaw / 2),

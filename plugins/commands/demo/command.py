@@ -16,8 +16,17 @@ class Demo(Command):
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add --out and --set."""
-        parser.add_argument("--out", metavar="DIR", default="runs/demo", help="folder for the results (default runs/demo)")
-        parser.add_argument("--set", dest="overrides", metavar="KEY=VALUE", action="append", default=[])
+        parser.add_argument(
+            "--out", metavar="DIR", default="runs/demo", help="folder for the results (default runs/demo)"
+        )
+        parser.add_argument(
+            "--set",
+            dest="overrides",
+            metavar="KEY=VALUE",
+            action="append",
+            default=[],
+            help="override one value of the pipeline",
+        )
 
     def run(self, arguments: argparse.Namespace) -> int:
         """Run it; returns the run's exit code."""

@@ -13,7 +13,7 @@ _SECOND = 1_000_000_000
 
 def arguments(parser: Any) -> None:
     """Add the arguments."""
-    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument("file", type=Path, metavar="FILE", help="the log")
     parser.add_argument("--config", action="store_true", help="also show the configuration of the run")
     parser.add_argument("--json", action="store_true", help="everything as JSON")
 

@@ -64,7 +64,7 @@ class EkfConfig(PluginConfig):
     )
 
     gate: float = quantity(
-        10.0, "sigma", "a correction further away is refused (Mahalanobis distance); 0: none is refused", ge=0
+        10.0, "sigma", "a correction further away is refused (Mahalanobis distance); 0: none is; never one with the prior in it", ge=0
     )
     gate_motion: tuple[Positive, Positive] = quantity(
         (0.2, 0.2), "m, rad", "a correction that moves the pose by less than both is never refused"

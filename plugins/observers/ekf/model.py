@@ -169,10 +169,12 @@ class Model:
 
     def _judge(self, state: State, fix: Fix) -> Outcome:
         c = self._c
+        if fix.replace:  # it was weighed against the prior by who gave it, and is in the map by now
+            return "taken"
         ex, ey, eyaw = innovation(state.pose, fix.pose)
         if c.gate == 0.0 or (math.hypot(ex, ey) < c.gate_motion[0] and abs(eyaw) < c.gate_motion[1]):
             return "taken"
-        if fix.information is not None and not fix.replace:
+        if fix.information is not None:
             away = information_distance(state.pose, state.covariance, fix.pose, fix.information)
         else:
             away = distance(state.pose, state.covariance, fix.pose, fix.covariance)

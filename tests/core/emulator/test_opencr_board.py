@@ -271,3 +271,13 @@ def test_firmware_versions_differ() -> None:
     assert old.get(table.MILLIS) == pytest.approx(1e3, abs=30)
     assert old.get(table.MOTOR_CONNECT) == 0
     assert Board().get(table.MOTOR_CONNECT) == 1
+
+
+def test_without_motors_nothing_moves() -> None:
+    board = Board()
+    board.board.motors_found = False
+    board.live(0.2)
+    board.drive(10)
+    board.live(0.3)
+    assert board.get(table.DEVICE_STATUS) == -1
+    assert board.robot.speeds == (0.0, 0.0)
