@@ -166,10 +166,10 @@ def _live(
         sys.stdout.flush()
         while robot.alive and not end.is_set():
             passed = (monotonic() - started) * 1e-9
-            if duration is not None and passed >= duration:
-                break
             while deeds and deeds[0][0] <= passed:
                 deeds.pop(0)[1]()
+            if duration is not None and passed >= duration:
+                break
             until = [0.2]
             until += [deed[0] - passed for deed in deeds[:1]]
             until += [duration - passed] if duration is not None else []
