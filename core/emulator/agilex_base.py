@@ -109,7 +109,7 @@ class AgilexBase:
 
     def start(self) -> None:
         """Begin to live."""
-        self.robot.advance(epoch())
+        self.robot.begin(epoch())
         self._thread.start()
 
     def stop(self) -> None:
@@ -206,14 +206,14 @@ class AgilexBase:
 
     def _send(self, now: int) -> None:
         if now >= self._next_motion:
-            self._next_motion = max(self._next_motion + _MOTION_PERIOD, now)
+            self._next_motion = max(self._next_motion + _MOTION_PERIOD, now + _MOTION_PERIOD // 2)
             p = self.robot.parameters
             v, w = body_twist(*self.robot.speeds, p.wheel_separation)
             left, right = (angle * p.wheel_radius for angle in self.robot.angles)
             self._put("MotionState", linear=v, angular=w)
             self._put("Odometer", left=left, right=right)
         if now >= self._next_state:
-            self._next_state = max(self._next_state + _STATE_PERIOD, now)
+            self._next_state = max(self._next_state + _STATE_PERIOD, now + _STATE_PERIOD // 2)
             self._counter = (self._counter + 1) % 256
             mode = agilex.REMOTE if self.remote else agilex.CAN if self._can_mode else agilex.STANDBY
             vehicle = agilex.EMERGENCY_STOP if self.emergency else agilex.NORMAL

@@ -2,13 +2,14 @@
 
 from abc import ABC, abstractmethod
 from math import sin, tau
+from typing import Any
 
 import numpy as np
 
 from knotwork.core.emulator.line import Line
 from knotwork.core.emulator.robot import Robot
 from knotwork.core.messages import F64
-from knotwork.core.protocols import lds01, lds02
+from knotwork.core.protocols import lds01, lds02, lds03
 from knotwork.core.world.lidar import SimulatedLidar
 from knotwork.core.world.parameters import LidarParameters
 
@@ -50,6 +51,10 @@ class Lidar(ABC):
         """Factor by which this run's ranges are wrong."""
         return self._sensor.scale
 
+    def begin(self) -> None:
+        """Start a turn now, already spinning."""
+        self._time = self._robot.time
+
     def power_on(self, now: int) -> None:
         """Spin up from rest, as after plugging in."""
         self.running = True
@@ -65,8 +70,8 @@ class Lidar(ABC):
             if now - self._time > 1_000_000_000:  # the process slept: the robot's path then is forgotten
                 self._time = now
                 return
-            data = self._packet()
-            self.line.send(data, now)
+            self.line.send(self._packet(), now)
+        self._robot.motion.forget(min(self._time, now))
 
     def receive(self, data: bytes, now: int) -> None:  # noqa: B027
         """Take bytes from the host; a lidar that only sends ignores them."""
@@ -197,4 +202,52 @@ class Lds02(Lidar):
         packet = lds02.encode(speed, first, last, distances, confidences, self._time // 1_000_000 % 30_000)
         self._angle = (self._angle + lds02.POINTS * step) % 360.0
         self._time += round(lds02.POINTS / lds02.SAMPLE_RATE * 1e9)
+        return packet
+
+
+class Lds03(Lidar):
+    """The LDS-03: 40 samples a packet, ten packets a turn; silent until it is told to start."""
+
+    baud = lds03.BAUD
+    turn_rate = lds03.RATE
+    _SAMPLES = 40
+    _part = 0
+    _heard = b""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.running = False
+
+    def power_on(self, now: int) -> None:
+        """Wait for the start command again."""
+        self.running = False
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take start and stop commands."""
+        self._heard = (self._heard + data)[-len(lds03.START) :]
+        if self._heard == lds03.STOP:
+            self.running = False
+        elif self._heard == lds03.START and not self.running:
+            super().power_on(now)
+            self._part = 0
+
+    def _step(self) -> float:
+        return 1.0 / (10 * self._SAMPLES * self._speed())  # s
+
+    def _ends(self) -> int:
+        return self._time + round((self._SAMPLES - 1) * self._step() * 1e9)
+
+    def _on_the_wire(self) -> int:
+        return (10 + 3 * self._SAMPLES) * 10_000_000_000 // self.baud
+
+    def _packet(self) -> bytes:
+        step = self._step()
+        i = np.arange(self._SAMPLES, dtype=np.float64)
+        clockwise = 36.0 * self._part + 0.9 * i
+        ranges = self._measure(i * step, -np.radians(clockwise))
+        distances = [round(1e3 * r) for r in ranges.tolist()]
+        intensities = [max(20, 250 - d // 50) if d else 0 for d in distances]
+        packet = lds03.encode(self._part == 0, self._speed(), clockwise[0], clockwise[-1], distances, intensities)
+        self._time += round(self._SAMPLES * step * 1e9)
+        self._part = (self._part + 1) % 10
         return packet

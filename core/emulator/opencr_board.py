@@ -89,6 +89,8 @@ class OpenCr:
     ----------
     voltage
         Of the battery [V].
+    motors_found
+        False: none answered at boot, the firmware leaves them alone.
     parser
         Of what the host sends.
     """
@@ -99,6 +101,7 @@ class OpenCr:
         self.line = line
         self.parser = dxl.Parser()
         self.voltage = 12.0
+        self.motors_found = True
         self.calibration_time = 2.56  # s
         self._robot = robot
         self._model = MODELS[model]
@@ -264,7 +267,7 @@ class OpenCr:
         radius = self._robot.parameters.wheel_radius
         acceleration = min(self._get(register) for register in table.PROFILE_ACCELERATION)
         self._robot.ramp(acceleration * table.ACCELERATION_UNIT * radius)
-        if not self._torque:
+        if not (self._torque and self.motors_found):
             self._units = [0, 0]
             self._robot.drive(0.0, 0.0)
             return
@@ -298,13 +301,13 @@ class OpenCr:
         self._set(table.MODEL, table.MODEL_NUMBER)
         self._set(table.FIRMWARE, self._firmware)
         self._set(table.PROTOCOL, 2)
-        self._set(table.DEVICE_STATUS, 0)
+        self._set(table.DEVICE_STATUS, 0 if self.motors_found else -1)
         self._set(table.MILLIS, since // 1_000_000 & 0xFFFFFFFF)
         if self._old:
             self._set(table.MICROS, since // 1_000 & 0xFFFFFFFF)
         else:
             self._set(table.CONNECT_ROS2, self._alive)
-            self._set(table.MOTOR_CONNECT, 1)
+            self._set(table.MOTOR_CONNECT, self.motors_found)
         self._set(table.BATTERY_VOLTAGE, round(self.voltage / table.VOLTAGE_UNIT))
         if self.voltage >= 10.5:
             self._set(table.BATTERY_PERCENTAGE, round((self.voltage - 10.5) / 1.8 * 100.0 / table.PERCENT_UNIT))

@@ -14,7 +14,7 @@ from knotwork.core.world.raycast import RayCaster
 from knotwork.core.world.scene import World
 
 _STEP = 10_000_000  # ns; longest step of the motion
-_HISTORY = 300_000_000  # ns of motion that a lidar may look back
+_HISTORY = 1_000_000_000  # ns of motion that a late lidar may look back
 _PAUSE = 2_000_000_000  # ns; a process that slept longer than this has missed it, and so has its robot
 _SAMPLES = 30_000
 
@@ -48,7 +48,7 @@ class Robot:
     time
         Of the last step's end [ns since 1970].
     motion
-        True path of the last 0.3 s.
+        True path of the last second, or since a lidar looked at it.
     angles
         Of the wheels as the encoders count them, left and right [rad].
     wheels
@@ -60,9 +60,7 @@ class Robot:
         self.obstacles = RayCaster(world)
         self.start = world.start if start is None else start
         self.base = SimulatedBase(parameters, self.obstacles, self.start, seed)
-        self.time = now
-        self.motion = Motion()
-        self.motion.append(Leg(now - _HISTORY, now, self.start, 0.0, 0.0))
+        self.begin(now)
         self.angles = (0.0, 0.0)
         self.wheels: deque[WheelSample] = deque(maxlen=_SAMPLES)
         self._yaw = self._ax = self._ay = self._span = 0.0
@@ -84,6 +82,12 @@ class Robot:
         rate = min(acceleration, most) if acceleration > 0.0 else most
         if rate != self.base.parameters.acceleration:
             self.base.parameters = self.parameters.model_copy(update={"acceleration": rate, "deceleration": rate})
+
+    def begin(self, now: int) -> None:
+        """Set the clock [ns since 1970] without moving; what took time before is not made up for."""
+        self.time = now
+        self.motion = Motion()
+        self.motion.append(Leg(now - _HISTORY, now, self.base.pose, 0.0, 0.0))
 
     def advance(self, now: int) -> None:
         """Move until `now` [ns]."""

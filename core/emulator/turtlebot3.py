@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, Self
 
 from knotwork.core.clock import epoch
-from knotwork.core.emulator.lidars import Lds01, Lds02, Lidar
+from knotwork.core.emulator.lidars import Lds01, Lds02, Lds03, Lidar
 from knotwork.core.emulator.line import Line
 from knotwork.core.emulator.loop import Loop
 from knotwork.core.emulator.motor_bus import MotorBus
@@ -38,6 +38,7 @@ _MOTORS = {"burger": xl430.XL430, "waffle": xl430.XM430}
 _LIDARS = {
     "lds01": (Lds01, {"rate": 5.0, "range_min": 0.12, "range_max": 3.5}),
     "lds02": (Lds02, {"rate": 6.0, "range_min": 0.16, "range_max": 8.0}),
+    "lds03": (Lds03, {"rate": 10.0, "range_min": 0.05, "range_max": 12.0}),
 }
 # Names as udev gives them under /dev/serial/by-id.
 _LINKS = {
@@ -58,7 +59,7 @@ class Settings:
     world
         Name of a shipped world, path of a world's YAML, or a `World`.
     lidar, base, model
-        "lds01" or "lds02", "opencr" or "dynamixel", "burger" or "waffle".
+        "lds01", "lds02" or "lds03", "opencr" or "dynamixel", "burger" or "waffle".
     firmware
         Of the OpenCR: 5, or 4 with its read fault.
     seed
@@ -95,6 +96,9 @@ class Settings:
 
 class TurtleBot3:
     """The robot; a context manager that runs it in a thread of its own.
+
+    A host in the same process that waits by spinning, as ROBOTIS's SDK does, starves that thread unless
+    `sys.setswitchinterval` is short.
 
     Raises
     ------
@@ -153,7 +157,8 @@ class TurtleBot3:
 
     def start(self) -> None:
         """Begin to live."""
-        self.robot.advance(epoch())
+        self.robot.begin(epoch())
+        self.lidar.begin()
         self._loop.start()
 
     def stop(self) -> None:
@@ -222,6 +227,8 @@ class TurtleBot3:
             self._lines[part].plug()
             if part == "lidar":  # the plug is its power as well
                 self.lidar.power_on(now)
+            else:
+                self.board.parser.reset()
             self._watch.note(now, "plug", {"lidar": float(part == "lidar")})
             return now
 

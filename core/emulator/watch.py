@@ -11,9 +11,9 @@ from knotwork.core.emulator.robot import Robot
 from knotwork.core.errors import InputError
 from knotwork.core.evaluation.tum import tum_line
 
-_PERIOD = 20_000_000  # ns between poses of the true path
+_PERIOD = 10_000_000  # ns between poses of the true path
 _STANDING = 1e-3  # m/s
-_KEPT = 100_000
+_KEPT = 20_000
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Watch:
         self._robot = robot
         self._frame = frame
         self._next = robot.time
-        self._moving = False
+        self._moving = self._blocked = False
         self._last = robot.pose("world")
         self._lock = threading.Lock()  # events come from the loop and from whoever switches faults
         self._files = [_open(path) for path in (truth, events)]
@@ -80,8 +80,12 @@ class Watch:
         if moving != self._moving:
             self._moving = moving
             self.note(stamp, "moving" if moving else "standing", {})
+        if self._robot.base.blocked != self._blocked:
+            self._blocked = self._robot.base.blocked
+            if self._blocked:
+                self.note(stamp, "collision", {})
         if stamp >= self._next:
-            self._next = max(self._next + _PERIOD, stamp)
+            self._next = max(self._next + _PERIOD, stamp + _PERIOD // 2)
             here = self._robot.pose("world")
             self.length += ((here[0] - self._last[0]) ** 2 + (here[1] - self._last[1]) ** 2) ** 0.5
             self._last = here

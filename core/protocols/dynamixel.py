@@ -111,10 +111,22 @@ class Parser(StreamParser[Packet]):
         if start + 7 > len(buffer):
             return 0
         length = 7 + (buffer[start + 5] | buffer[start + 6] << 8)
-        return length if 10 <= length <= self._longest else -1
+        if not 10 <= length <= self._longest:
+            return -1
+        # Do not wait for the end that a damaged length promises once a whole packet has followed.
+        return length if start + length <= len(buffer) or not self._overtaken(buffer, start + 1) else -1
+
+    def _overtaken(self, buffer: bytearray, start: int) -> bool:
+        size = len(buffer)
+        while 0 <= (start := buffer.find(HEADER, start)) <= size - 10:
+            end = start + 7 + (buffer[start + 5] | buffer[start + 6] << 8)
+            if start + 10 <= end <= size and _intact(buffer, start, end):
+                return True
+            start += 1
+        return False
 
     def _decode(self, buffer: bytearray, start: int, end: int, position: int) -> Packet | None:
-        if crc16(buffer[start : end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
+        if not _intact(buffer, start, end):
             return None
         device, instruction = buffer[start + 4], buffer[start + 7]
         if instruction != Instruction.STATUS:
@@ -125,6 +137,10 @@ class Parser(StreamParser[Packet]):
         # The parts of a fast sync reply come from several motors; none of them stuffs.
         data = data if device == BROADCAST else unstuff(data)
         return Packet(device, instruction, data[0], data[1:], position)
+
+
+def _intact(buffer: bytearray, start: int, end: int) -> bool:
+    return crc16(buffer[start : end - 2]) == buffer[end - 2] | buffer[end - 1] << 8
 
 
 def _crc_table() -> tuple[int, ...]:

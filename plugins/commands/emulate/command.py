@@ -1,5 +1,6 @@
 """The subcommand: builds the robot, says where its devices are, and lets it live until it is stopped."""
 
+import math
 import signal
 import sys
 import threading
@@ -57,8 +58,12 @@ class Emulate(Command):
 
     def run(self, arguments: Any) -> int:
         """Live until a signal or the end of `--duration`; raises InputError for what cannot be built."""
+        _check(arguments)
         if arguments.robot == "agilex":
-            from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
+            try:
+                from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
+            except ModuleNotFoundError as error:
+                raise InputError(f"the CAN base needs {error.name}", hint="pip install 'knotwork[can]'") from error
 
             base = AgilexBase(
                 AgilexSettings(
@@ -109,6 +114,20 @@ def _world(form: Any) -> None:
     form.add_argument("--events", metavar="FILE", help="write commands, watchdogs and faults as JSON lines")
 
 
+def _check(arguments: Any) -> None:
+    bounds = {
+        "seed": (0.0, math.inf, "0 or more"),
+        "duration": (0.0, math.inf, "0 s or more"),
+        "spin_up": (0.0, 60.0, "from 0 to 60 s"),
+        "range_error": (0.0, 0.49, "from 0 to 0.49"),
+        "latency": (0.0, 1.0, "from 0 to 1 s"),
+    }
+    for name, (low, high, expected) in bounds.items():
+        value = getattr(arguments, name, None)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"expected {expected}, found {value}", where="--" + name.replace("_", "-"))
+
+
 def _path(text: str | None) -> Path | None:
     return None if text is None else Path(text)
 
@@ -134,9 +153,6 @@ def _live(
     deeds: list[tuple[float, Callable[[], object]]],
     duration: float | None,
 ) -> int:
-    if duration is not None and not duration >= 0.0:
-        robot.stop()
-        raise InputError(f"expected 0 s or more, found {duration}", where="--duration")
     end = threading.Event()
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -150,10 +166,10 @@ def _live(
         sys.stdout.flush()
         while robot.alive and not end.is_set():
             passed = (monotonic() - started) * 1e-9
-            if duration is not None and passed >= duration:
-                break
             while deeds and deeds[0][0] <= passed:
                 deeds.pop(0)[1]()
+            if duration is not None and passed >= duration:
+                break
             until = [0.2]
             until += [deed[0] - passed for deed in deeds[:1]]
             until += [duration - passed] if duration is not None else []

@@ -1,5 +1,6 @@
 """Frames against ROBOTIS's documents and SDK, and against damage."""
 
+import dynamixel_sdk
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -70,3 +71,89 @@ def test_fast_sync_reply_comes_apart(length: int, heads: list[tuple[int, int]], 
     packet = dxl.Parser().feed(dxl.fast_status(parts))[0]
     assert [p[:4] for p in dxl.split_fast(packet, length)] == [p[:4] for p in parts]
     assert dxl.split_fast(packet, length + 1000) == []
+
+
+class Wire:
+    """A port of ROBOTIS's SDK that ends in a list."""
+
+    def __init__(self, answer: bytes = b"") -> None:
+        self.sent = b""
+        self.answer = answer
+        self.is_using = False
+
+    def clearPort(self) -> None:
+        pass
+
+    def writePort(self, data: list[int]) -> int:
+        self.sent += bytes(data)
+        return len(data)
+
+    def readPort(self, length: int) -> bytes:
+        data, self.answer = self.answer[:length], self.answer[length:]
+        return data
+
+    def setPacketTimeout(self, length: int) -> None:
+        pass
+
+    def isPacketTimeout(self) -> bool:
+        return not self.answer
+
+
+SDK = dynamixel_sdk.PacketHandler(2.0)
+ids, addresses = st.integers(0, 252), st.integers(0, 500)
+# The SDK never stuffs what it sends.
+plain = st.binary(min_size=1, max_size=60).filter(lambda data: b"\xff\xff\xfd" not in dxl.write(1, 104, data)[7:-2])
+
+
+@given(ids, addresses, st.integers(1, 200), plain)
+def test_frames_are_those_of_the_sdk(device: int, address: int, length: int, data: bytes) -> None:
+    wire = Wire()
+    SDK.writeTxOnly(wire, device, address, len(data), list(data))
+    assert wire.sent == dxl.write(device, address, data)
+    wire = Wire()
+    SDK.readTx(wire, device, address, length)
+    assert wire.sent == dxl.read(device, address, length)
+    wire = Wire()
+    SDK.syncWriteTxOnly(wire, address, len(data), [device, *data], 1 + len(data))
+    assert wire.sent == dxl.sync_write(address, {device: data})
+    for fast, made in ((False, dxl.sync_read), (True, dxl.fast_sync_read)):
+        wire = Wire()
+        SDK.syncReadTx(wire, address, length, [1, 2], 2, fast)
+        assert wire.sent == made((1, 2), address, length)
+    assert SDK.updateCRC(0, list(data), len(data)) == dxl.crc16(data)
+
+
+@given(ids, plain)
+def test_the_sdk_takes_our_answers(device: int, data: bytes) -> None:
+    wire = Wire(dxl.status(device, 0x80, data))
+    values, result, error = SDK.readTxRx(wire, device, 0, len(data))
+    assert (bytes(values), result, error) == (data, dynamixel_sdk.COMM_SUCCESS, 0x80)
+
+
+def test_an_unstuffed_frame_of_the_sdk_is_understood() -> None:
+    wire = Wire()
+    SDK.writeTxOnly(wire, 1, 104, 4, [0xFF, 0xFF, 0xFD, 0x00])
+    assert wire.sent != dxl.write(1, 104, b"\xff\xff\xfd\x00")  # its fault
+    assert dxl.Parser().feed(wire.sent)[0].data[2:] == b"\xff\xff\xfd\x00"
+
+
+def test_a_damaged_length_costs_little() -> None:
+    parser = dxl.Parser(longest=64)
+    bad = bytearray(dxl.status(1, 0, b"abc"))
+    bad[6] = 0xFF
+    assert [p.data for p in parser.feed(bytes(bad) + dxl.status(1, 0, b"next"))] == [b"next"]
+    assert parser.rejected == 1
+
+
+def test_error_bytes() -> None:
+    packet = dxl.Parser().feed(dxl.status(3, dxl.ALERT | dxl.Error.DATA_LIMIT))[0]
+    assert packet.is_status
+    assert packet.alert
+    assert packet.failure == dxl.Error.DATA_LIMIT
+
+
+def test_wrong_arguments() -> None:
+    with pytest.raises(ValueError, match="lengths"):
+        dxl.sync_write(104, {1: b"ab", 2: b"a"})
+    with pytest.raises(ValueError, match="fit"):
+        dxl.write(1, 0, bytes(0xF001))
