@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         # On a busy machine either process may pause for longer than a lidar may be silent.
         overrides += ["nodes.base.safety.rearm=auto"]
         if arguments.base == "dynamixel":
-            overrides += ["nodes.base={plugin: dynamixel-wheels, port: '${base}', safety: {rearm: auto}}"]
+            overrides += ["nodes.base.plugin=dynamixel-wheels"]
         command = [
             *_KNOTWORK, "run", "configs:turtlebot3-burger-path.yaml", "--out", str(out), "--quiet",
             *(part for o in [*overrides, *arguments.set] for part in ("--set", o)),

@@ -35,7 +35,7 @@ class Wake:
         self.clear()
         return True
 
-    def close(self) -> None:
-        """Release the pipe; nobody may wait or set any more."""
+    def __del__(self) -> None:
+        """Release the pipe with the last thread that may wait or set."""
         os.close(self._read)
         os.close(self._write)

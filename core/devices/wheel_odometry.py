@@ -68,14 +68,19 @@ class WheelOdometry:
         self._angles = [0.0, 0.0]
         self._last: tuple[int, int] | None = None
         self._suspect: tuple[int, int] | None = None
-        self._stamp = 0
+        self._stamp = self._within = 0
 
     def restart(self) -> None:
         """Take the next reading as a new beginning: the odometry goes on, marked."""
         self._last = None
 
     def update(
-        self, stamp: int, ticks: tuple[int, int], velocity: tuple[float, float], turn: float | None
+        self,
+        stamp: int,
+        ticks: tuple[int, int],
+        velocity: tuple[float, float],
+        turn: float | None,
+        within: int = 0,
     ) -> tuple[Odometry, Wheels] | None:
         """Add a reading; None if it is not to be believed.
 
@@ -89,10 +94,12 @@ class WheelOdometry:
             Of the wheels [rad/s].
         turn
             Change of heading since the last reading that was believed, from a gyro [rad]; None: the wheels say.
+        within
+            The reading was taken at `stamp` give or take this [ns]: a host that paused does not know better.
         """
         if self._last is None:
             first = self._stamp == 0
-            self._last, self._stamp, self._suspect = ticks, stamp, None
+            self._last, self._stamp, self._suspect, self._within = ticks, stamp, None, within
             odometry = self._reckoning.start(stamp)
             odometry = replace(odometry, pose=np.array(self._reckoning.pose), discontinuity=not first)
             return odometry, self._wheels(stamp, velocity, not first)
@@ -100,17 +107,18 @@ class WheelOdometry:
         if period <= 0.0:
             return None
         change = _difference(ticks, self._last)
-        if max(abs(change[0]), abs(change[1])) > self._per_second * period + _SLACK:
+        most = self._per_second * (period + (within + self._within) * 1e-9) + _SLACK
+        if max(abs(change[0]), abs(change[1])) > most:
             again = _difference(ticks, self._suspect) if self._suspect is not None else None
             self._suspect = ticks
-            if again is not None and max(abs(again[0]), abs(again[1])) <= self._per_second * period + _SLACK:
+            if again is not None and max(abs(again[0]), abs(again[1])) <= most:
                 self.restarts += 1
                 self.restart()
-                return self.update(stamp, ticks, velocity, turn)
+                return self.update(stamp, ticks, velocity, turn, within)
             self.rejected += 1
             return None
         self._suspect = None
-        self._last, self._stamp = ticks, stamp
+        self._last, self._stamp, self._within = ticks, stamp, within
         if change != (0, 0) or not self.moved:
             self.moved = stamp
         for side in (0, 1):

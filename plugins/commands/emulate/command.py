@@ -31,9 +31,9 @@ class Emulate(Command):
         forms = parser.add_subparsers(dest="robot", required=True, metavar="{turtlebot3,agilex}")
         choices = parts()
         form = forms.add_parser("turtlebot3", help="lidar and base on pseudo-terminals")
-        form.add_argument("--lidar", choices=choices["lidar"], default="lds01")
+        form.add_argument("--lidar", choices=choices["lidar"], default="lds01", help="which lidar it carries")
         form.add_argument("--base", choices=choices["base"], default="opencr", help="opencr, or two bare motors")
-        form.add_argument("--model", choices=choices["model"], default="burger")
+        form.add_argument("--model", choices=choices["model"], default="burger", help="which robot")
         form.add_argument("--firmware", type=int, choices=(4, 5), default=5, help="of the OpenCR; 4 has the read fault")
         form.add_argument("--spin-up", type=float, default=2.0, metavar="S", help="of the lidar after power-on")
         form.add_argument(

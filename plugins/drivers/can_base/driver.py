@@ -58,7 +58,6 @@ class CanBase(BaseDriver):
                     raise DeviceLost(f"no AgileX base on {self.config.interface} {self.config.channel}")
                 bus.wait(0.02, wake)
                 self._receive(clock.epoch())
-            wake.close()
         except BaseException:
             self.disconnect()
             raise

@@ -64,14 +64,14 @@ class DynamixelWheels(BaseDriver):
 
     def poll(self, now: int) -> bool:
         """Read the wheels; now and then watchdogs, hardware errors and voltage."""
-        before = clock.epoch()
         wheels = self.motors.wheels()
-        stamp = (before + clock.epoch()) // 2
+        within = (clock.epoch() - self.motors.bus.sent) // 2
+        stamp = self.motors.bus.sent + within
         if self.discontinuity:
             self._odometry.restart()
             self.discontinuity = False
         restarts = self._odometry.restarts
-        found = self._odometry.update(stamp, wheels.ticks, wheels.velocity, None)
+        found = self._odometry.update(stamp, wheels.ticks, wheels.velocity, None, within)
         if found is None:
             return False
         if self._odometry.restarts != restarts:

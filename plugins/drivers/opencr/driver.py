@@ -77,9 +77,9 @@ class OpenCr(BaseDriver):
 
     def poll(self, now: int) -> bool:
         """Read wheels and IMU, now and then battery and torque."""
-        before = clock.epoch()
         inertial, wheels = self.board.state()
-        stamp = (before + clock.epoch()) // 2
+        within = (clock.epoch() - self.board.bus.sent) // 2
+        stamp = self.board.bus.sent + within
         w, x, y, z = inertial.orientation
         yaw = atan2(x * y + w * z, 0.5 - y * y - z * z)
         odometry = self._odometry
@@ -89,7 +89,7 @@ class OpenCr(BaseDriver):
             self.discontinuity = False
         turn = None if self._yaw is None else wrap(yaw - self._yaw)
         restarts = odometry.restarts
-        found = odometry.update(stamp, wheels.ticks, wheels.velocity, turn)
+        found = odometry.update(stamp, wheels.ticks, wheels.velocity, turn, within)
         if found is None:
             return False
         if odometry.restarts != restarts:

@@ -6,10 +6,10 @@ import sys
 import termios
 import tty
 from collections import deque
+from contextlib import suppress
 from threading import Thread
 from typing import Any
 
-from knotwork.core import clock
 from knotwork.core.contracts import Context, Policy
 from knotwork.core.devices.wake import Wake
 from knotwork.core.messages import MotionControl, MotionState, Twist
@@ -24,7 +24,7 @@ class TeleopKeyboard(Policy):
         super().__init__(context)
         config: Config = context.config
         self._keys = Keys(config)
-        self._pressed: deque[tuple[str, int]] = deque()
+        self._pressed: deque[str] = deque()
         self._wake = Wake()
         self._thread: Thread | None = None
         self._before: list[Any] | None = None
@@ -53,8 +53,9 @@ class TeleopKeyboard(Policy):
         if self._thread is not None:
             self._thread.join(1.0)
         if self._before is not None:
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
-        self._wake.close()
+            with suppress(termios.error):  # the window may be gone
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            self._before = None
 
     def on_state(self, message: MotionState) -> None:
         """Tell the person why the robot stands, and how to go on."""
@@ -78,16 +79,15 @@ class TeleopKeyboard(Policy):
                 self._hung_up = True  # the window was closed, the connection broke
                 return
             names, pending = split(pending + data)
-            now = clock.monotonic()
-            self._pressed.extend((name, now) for name in names)
+            self._pressed.extend(names)
 
     def _send(self, time: int) -> None:
         keys = self._keys
         while self._pressed:
-            action = keys.press(*self._pressed.popleft())
+            action = keys.press(self._pressed.popleft(), time)
             if action is not None:
                 self.context.emit("control", MotionControl(stamp=self.context.now(), action=action))
         if self._hung_up:
             keys.stop()
-        v, w = keys.command(clock.monotonic())
+        v, w = keys.command(time)
         self.context.emit("twist", Twist(stamp=self.context.now(), vx=v, wz=w))
