@@ -1,25 +1,35 @@
 """The one decorator for hot loops: compiled by Numba, cached on disk, run without the interpreter lock."""
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from numba import njit
+from numba.core import config
+
+from knotwork.core import kernel_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 
 # Sums may be reordered and multiply-adds fused; NaN and inf keep their meaning (scans carry both).
 _FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
+_CACHE = kernel_cache.folder()
+kernel_cache.announce()
 
 
 def kernel(function: F) -> F:
-    """Compile a pure function over arrays and scalars.
-
-    The same machine and versions give the same bits. After editing a kernel that a kernel in
-    another file calls, delete the `__pycache__/*.nbi` files: Numba sees only a file's own changes.
-    """
-    return cast(F, njit(cache=True, nogil=True, fastmath=_FASTMATH)(function))
+    """Compile a pure function over arrays and scalars; the same machine and versions give the same bits."""
+    return cast(F, _compiled(function))
 
 
 def inlined(function: F) -> F:
     """Compile a step of a kernel that is worth more when its caller's loop contains it than when called."""
-    return cast(F, njit(cache=True, nogil=True, fastmath=_FASTMATH, forceinline=True)(function))
+    return cast(F, _compiled(function, forceinline=True))
+
+
+def _compiled(function: Callable[..., object], **options: Any) -> Any:
+    before = config.CACHE_DIR  # type: ignore[attr-defined]
+    config.CACHE_DIR = before or _CACHE  # type: ignore[attr-defined]
+    try:
+        return njit(cache=True, nogil=True, fastmath=_FASTMATH, **options)(function)
+    finally:
+        config.CACHE_DIR = before  # type: ignore[attr-defined]

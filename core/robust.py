@@ -9,14 +9,15 @@ import math
 from knotwork.core.contracts import Loss
 from knotwork.core.kernel import inlined
 
-CODES: dict[Loss, int] = {"none": 0, "huber": 1, "cauchy": 2, "geman-mcclure": 3, "welsch": 4}
+CAUCHY = 2
+CODES: dict[Loss, int] = {"none": 0, "huber": 1, "cauchy": CAUCHY, "geman-mcclure": 3, "welsch": 4}
 
 
 @inlined
 def loss_terms(code: int, squared: float, scale: float) -> tuple[float, float]:
     """Return (rho, w) of a squared whitened residual."""
     c2 = scale * scale
-    if code == 2:
+    if code == CAUCHY:
         ratio = squared / c2
         return c2 * math.log1p(ratio), 1.0 / (1.0 + ratio)
     if code == 0 or squared == 0.0:

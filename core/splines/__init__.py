@@ -4,7 +4,6 @@ Only the (degree + 1) or (degree + 1)^2 control points that act at a place are e
 kernels: cost does not depend on how large a curve or surface is. See `docs/splines.md`.
 """
 
-from knotwork.core.splines.announce import listen
 from knotwork.core.splines.curve import Curve
 from knotwork.core.splines.surface import Surface
 from knotwork.core.splines.tiles import TiledArray
@@ -12,4 +11,3 @@ from knotwork.core.splines.uniform import UniformBasis
 
 __all__ = ["Curve", "Surface", "TiledArray", "UniformBasis"]
 
-listen()

@@ -7,9 +7,9 @@ coordinate, the same quotient less its floor. Derivatives here are with respect 
 by step, the second by step squared. Thesis equations (4.12) to (4.15), mended.
 """
 
-import math
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from knotwork.core.kernel import inlined, kernel
@@ -24,7 +24,7 @@ MAX_DEGREE = 5
 def locate(tau: float, origin: float, step: float) -> tuple[int, float]:
     """Return (mu, t): the last acting function and the local coordinate, of one quotient and one floor."""
     quotient = (tau - origin) / step
-    whole = math.floor(quotient)
+    whole = np.floor(quotient)
     return int(whole), quotient - whole
 
 

@@ -68,7 +68,7 @@ class Curve:
             out = curve_kernels.cubic_points(self.control, self.basis.origin, self.basis.step, flat)
         else:
             out = self._derivatives(flat, 0)
-        return out if np.ndim(tau) else out[0]
+        return out if len(flat) != 1 or np.ndim(tau) else out[0]
 
     def with_derivative(self, tau: ArrayLike) -> tuple[F64, F64]:
         """Return points and first derivatives with respect to tau, shaped as by a call."""
@@ -77,12 +77,13 @@ class Curve:
             out, slopes = curve_kernels.cubic_slopes(self.control, self.basis.origin, self.basis.step, flat)
         else:
             out, slopes = self._derivatives(flat, 0), self._derivatives(flat, 1)
-        return (out, slopes) if np.ndim(tau) else (out[0], slopes[0])
+        return (out, slopes) if len(flat) != 1 or np.ndim(tau) else (out[0], slopes[0])
 
     def derivative(self, tau: ArrayLike, order: int = 1) -> F64:
         """Return the `order`-th derivative with respect to tau, shaped as by a call; zeros above the degree."""
-        out = self._derivatives(_flat(tau), order)
-        return out if np.ndim(tau) else out[0]
+        flat = _flat(tau)
+        out = self._derivatives(flat, order)
+        return out if len(flat) != 1 or np.ndim(tau) else out[0]
 
     def _derivatives(self, flat: F64, order: int) -> F64:
         basis = self.basis
@@ -118,7 +119,7 @@ class Curve:
     def at_length(self, lengths: ArrayLike) -> F64:
         """Return the parameters at which the arc length from the start reaches `lengths` (n,), clipped to the curve.
 
-        Accurate to about 1e-9 of a knot interval on curves without cusps.
+        Accurate to 1e-9 of the length, less where the curve all but stops (a cusp).
         """
         wanted = np.atleast_1d(np.asarray(lengths, np.float64))
         low, high = self.domain
@@ -327,7 +328,7 @@ class Curve:
 
 
 def _flat(tau: ArrayLike) -> F64:
-    flat = np.ascontiguousarray(tau, np.float64)
-    if flat.ndim > 1:
+    flat = np.ascontiguousarray(tau, np.float64)  # of one number: (1,)
+    if flat.ndim != 1:
         raise InputError(f"parameters of shape {flat.shape}: expected (n,) or one number")
-    return flat.reshape(-1)
+    return flat

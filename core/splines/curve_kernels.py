@@ -10,17 +10,21 @@ import numpy as np
 
 from knotwork.core.kernel import inlined, kernel
 from knotwork.core.splines.basis import Array, cubic, cubic_slope, fill_derivative
+from knotwork.core.splines.curve_piece import plane_point
 
 
 @inlined
 def within(tau: float, origin: float, step: float, degree: int, m: int) -> tuple[int, float]:
     """Return (mu - degree, t); the last interval is closed, a billionth of an interval outside is forgiven."""
     quotient = (tau - origin) / step
-    mu = min(max(math.floor(quotient), degree), m - 1)
-    t = quotient - mu
-    if t < -1e-9 or t > 1.0 + 1e-9:
+    whole = np.floor(quotient)
+    low, high = float(degree), float(m - 1)
+    whole = whole if whole > low else low  # NaN too
+    whole = whole if whole < high else high
+    t = quotient - whole
+    if not (-1e-9 <= t <= 1.0 + 1e-9):
         t = math.nan
-    return mu - degree, t
+    return int(whole) - degree, t
 
 
 @kernel
@@ -28,6 +32,11 @@ def cubic_points(control: Array, origin: float, step: float, tau: Array) -> Arra
     """Return the points (n, dim)."""
     m, dim = control.shape
     out = np.empty((tau.shape[0], dim))
+    if dim == 2:
+        for k in range(tau.shape[0]):
+            i, t = within(tau[k], origin, step, 3, m)
+            out[k, 0], out[k, 1], _, _ = plane_point(control, i, t)
+        return out
     for k in range(tau.shape[0]):
         i, t = within(tau[k], origin, step, 3, m)
         b0, b1, b2, b3 = cubic(t)
@@ -44,6 +53,13 @@ def cubic_slopes(control: Array, origin: float, step: float, tau: Array) -> tupl
     out = np.empty((tau.shape[0], dim))
     slopes = np.empty((tau.shape[0], dim))
     per_step = 1.0 / step
+    if dim == 2:
+        for k in range(tau.shape[0]):
+            i, t = within(tau[k], origin, step, 3, m)
+            out[k, 0], out[k, 1], dx, dy = plane_point(control, i, t)
+            slopes[k, 0] = per_step * dx
+            slopes[k, 1] = per_step * dy
+        return out, slopes
     for k in range(tau.shape[0]):
         i, t = within(tau[k], origin, step, 3, m)
         b0, b1, b2, b3 = cubic(t)

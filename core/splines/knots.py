@@ -1,6 +1,5 @@
 """Do two sets of knots fit each other; are knots even."""
 
-
 import numpy as np
 from numpy.typing import NDArray
 

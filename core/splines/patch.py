@@ -17,102 +17,58 @@ from numba.extending import intrinsic
 from knotwork.core.kernel import inlined, kernel
 from knotwork.core.splines.basis import Array, cubic
 from knotwork.core.splines.tiles import BITS, MASK, SIDE, in_one_tile, slot_of
-
-_FLAGS = ("contract", "reassoc", "arcp", "nsz")
-_DOUBLE = ir.DoubleType()
-_INT = ir.IntType(64)
-_LANE = ir.IntType(32)
-_FOUR = ir.VectorType(_DOUBLE, 4)
-# The four weights (rows of powers t^0, t^1, ...), their slopes.
-_WEIGHTS = (
-    (1 / 6, 4 / 6, 1 / 6, 0.0),
-    (-0.5, 0.0, 0.5, 0.0),
-    (0.5, -1.0, 0.5, 0.0),
-    (-1 / 6, 0.5, -0.5, 1 / 6),
-)
-_SLOPES = ((-0.5, 0.0, 0.5, 0.0), (1.0, -2.0, 1.0, 0.0), (-0.5, 1.5, -1.5, 0.5))
-
-Values = Any  # an LLVM value while code is being generated
-
-
-def _multiply_add(builder: Values, a: Values, b: Values, c: Values) -> Values:
-    return builder.fadd(builder.fmul(a, b, flags=_FLAGS), c, flags=_FLAGS)
-
-
-def _lanes(count: int, start: int, step: int) -> Values:
-    return ir.Constant(ir.VectorType(_LANE, count), [start + step * k for k in range(count)])
-
-
-def _spread(builder: Values, scalar: Values) -> Values:
-    empty = ir.Constant(_FOUR, ir.Undefined)
-    return builder.shuffle_vector(builder.insert_element(empty, scalar, _LANE(0)), empty, _lanes(4, 0, 0))
-
-
-def _polynomials(builder: Values, powers: tuple[tuple[float, ...], ...], t: Values) -> Values:
-    """Evaluate four polynomials at the scalar t by Horner's rule."""
-    spread = _spread(builder, t)
-    rows = [ir.Constant(_FOUR, list(row)) for row in powers]
-    result = rows[-1]
-    for row in reversed(rows[:-1]):
-        result = _multiply_add(builder, result, spread, row)
-    return result
-
-
-def _combine(builder: Values, weights: Values, rows: list[Values]) -> Values:
-    """Return the sum of rows, each times its lane of `weights`."""
-    empty = ir.Constant(_FOUR, ir.Undefined)
-    spread = [builder.shuffle_vector(weights, empty, _lanes(4, k, 0)) for k in range(4)]
-    result = builder.fmul(spread[0], rows[0], flags=_FLAGS)
-    for factor, row in zip(spread[1:], rows[1:], strict=True):
-        result = _multiply_add(builder, factor, row, result)
-    return result
-
-
-def _dot(builder: Values, a: Values, b: Values) -> Values:
-    product = builder.fmul(a, b, flags=_FLAGS)
-    low = builder.shuffle_vector(product, product, _lanes(2, 0, 1))
-    high = builder.shuffle_vector(product, product, _lanes(2, 2, 1))
-    pair = builder.fadd(low, high, flags=_FLAGS)
-    first, second = (builder.extract_element(pair, _LANE(k)) for k in range(2))
-    return builder.fadd(first, second, flags=_FLAGS)
-
-
-def _load_row(builder: Values, data: Values, element: Any, offset: Values) -> Values:
-    """Load four neighbours at element `offset` of the flat array as doubles."""
-    size, kind = (4, ir.FloatType()) if element == types.float32 else (8, _DOUBLE)
-    place = builder.bitcast(builder.gep(data, [offset]), ir.VectorType(kind, 4).as_pointer())
-    row = builder.load(place, align=size)
-    return builder.fpext(row, _FOUR) if size == 4 else row
-
-
-def _store_row(builder: Values, data: Values, element: Any, offset: Values, row: Values) -> None:
-    size, kind = (4, ir.FloatType()) if element == types.float32 else (8, _DOUBLE)
-    place = builder.bitcast(builder.gep(data, [offset]), ir.VectorType(kind, 4).as_pointer())
-    builder.store(builder.fptrunc(row, ir.VectorType(kind, 4)) if size == 4 else row, place, align=size)
+from knotwork.core.splines.vectors import (
+    DOUBLE,
+    FLAGS,
+    FOUR,
+    INT,
+    LANE,
+    SLOPES,
+    WEIGHTS,
+    Values,
+    combine,
+    dot,
+    lanes,
+    load_row,
+    multiply_add,
+    polynomials,
+    spread,
+    store_row,
+)  # fmt: skip
 
 
 def _load_split(builder: Values, data: Values, offset: Values, right: Values, split: Values) -> Values:
     """Load `split` elements at `offset` and the other 4 - split at `right`."""
-    row = ir.Constant(_FOUR, ir.Undefined)
+    row = ir.Constant(FOUR, ir.Undefined)
     beyond = builder.sub(right, split)
     for k in range(4):
-        start = builder.select(builder.icmp_signed("<", _INT(k), split), offset, beyond)
-        value = builder.load(builder.gep(data, [builder.add(start, _INT(k))]))
-        if value.type != _DOUBLE:
-            value = builder.fpext(value, _DOUBLE)
-        row = builder.insert_element(row, value, _LANE(k))
+        start = builder.select(builder.icmp_signed("<", INT(k), split), offset, beyond)
+        value = builder.load(builder.gep(data, [builder.add(start, INT(k))]))
+        if value.type != DOUBLE:
+            value = builder.fpext(value, DOUBLE)
+        row = builder.insert_element(row, value, LANE(k))
     return row
 
 
 def _contract(builder: Values, rows: list[Values], tx: Values, ty: Values) -> list[Values]:
     """Return value and both slopes."""
-    across = _polynomials(builder, _WEIGHTS, ty)
-    summed = _combine(builder, _polynomials(builder, _WEIGHTS, tx), rows)
-    sloped = _combine(builder, _polynomials(builder, _SLOPES, tx), rows)
+    across = polynomials(builder, WEIGHTS, ty)
+    summed = combine(builder, polynomials(builder, WEIGHTS, tx), rows)
+    sloped = combine(builder, polynomials(builder, SLOPES, tx), rows)
+    one = builder.fmul(sloped, across, flags=FLAGS)
+    two = builder.fmul(summed, polynomials(builder, SLOPES, ty), flags=FLAGS)
+    even = ir.Constant(ir.VectorType(LANE, 4), [0, 4, 2, 6])
+    odd = ir.Constant(ir.VectorType(LANE, 4), [1, 5, 3, 7])
+    pairs = builder.fadd(builder.shuffle_vector(one, two, even), builder.shuffle_vector(one, two, odd), flags=FLAGS)
+    both = builder.fadd(
+        builder.shuffle_vector(pairs, pairs, lanes(2, 0, 1)),
+        builder.shuffle_vector(pairs, pairs, lanes(2, 2, 1)),
+        flags=FLAGS,
+    )
     return [
-        _dot(builder, summed, across),
-        _dot(builder, sloped, across),
-        _dot(builder, summed, _polynomials(builder, _SLOPES, ty)),
+        dot(builder, summed, across),
+        builder.extract_element(both, LANE(0)),
+        builder.extract_element(both, LANE(1)),
     ]
 
 
@@ -122,7 +78,7 @@ def _whole_rows(_typing: Any, pool: Any, o0: Any, o1: Any, o2: Any, o3: Any, tx:
 
     def generate(context: Any, builder: Values, signature: Any, args: Any) -> Values:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        rows = [_load_row(builder, data, signature.args[0].dtype, offset) for offset in args[1:5]]
+        rows = [load_row(builder, data, signature.args[0].dtype, offset) for offset in args[1:5]]
         return context.make_tuple(builder, signature.return_type, _contract(builder, rows, *args[5:7]))
 
     kinds = (pool, *(types.int64,) * 4, *(types.float64,) * 2)
@@ -165,16 +121,16 @@ def _add_to_rows(
         element = signature.args[0].dtype
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
         tx, ty, amount, low, high = args[5:10]
-        along = _polynomials(builder, _WEIGHTS, tx)
-        across = builder.fmul(_polynomials(builder, _WEIGHTS, ty), _spread(builder, amount), flags=_FLAGS)
-        floor, ceiling = _spread(builder, low), _spread(builder, high)
-        empty = ir.Constant(_FOUR, ir.Undefined)
+        along = polynomials(builder, WEIGHTS, tx)
+        across = builder.fmul(polynomials(builder, WEIGHTS, ty), spread(builder, amount), flags=FLAGS)
+        floor, ceiling = spread(builder, low), spread(builder, high)
+        empty = ir.Constant(FOUR, ir.Undefined)
         for k, offset in enumerate(args[1:5]):
-            factor = builder.shuffle_vector(along, empty, _lanes(4, k, 0))
-            row = _multiply_add(builder, factor, across, _load_row(builder, data, element, offset))
+            factor = builder.shuffle_vector(along, empty, lanes(4, k, 0))
+            row = multiply_add(builder, factor, across, load_row(builder, data, element, offset))
             row = builder.select(builder.fcmp_ordered("<", row, floor), floor, row)
             row = builder.select(builder.fcmp_ordered(">", row, ceiling), ceiling, row)
-            _store_row(builder, data, element, offset, row)
+            store_row(builder, data, element, offset, row)
         return context.get_dummy_value()
 
     kinds = (pool, *(types.int64,) * 4, *(types.float64,) * 5)

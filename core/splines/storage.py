@@ -37,7 +37,7 @@ def read(path: Path | str, kind: str, *names: str) -> list[NDArray[Any]]:
         If the file is missing, damaged or of another kind.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             found, version = str(file["kind"]), int(file["version"])
             if found != kind or version > VERSION:
                 raise InputError(

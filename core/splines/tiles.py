@@ -19,7 +19,7 @@ from knotwork.core.kernel import inlined, kernel
 
 Array = NDArray[Any]
 
-BITS = 5
+BITS = 6
 SIDE = 1 << BITS
 MASK = SIDE - 1
 _MAX_DIRECTORY = 1 << 26  # tiles in the bounding box: 13 km by 13 km of 5 cm cells
@@ -137,7 +137,7 @@ class TiledArray:
         self.used = used
         if used <= capacity:
             return
-        grown = max(used, capacity + capacity // 4, 8)
+        grown = max(used, capacity + capacity // 4, 4)
         shape = (grown, SIDE, SIDE)
         try:
             self.pool.resize(shape)  # large blocks are moved by the page table, not copied

@@ -73,13 +73,12 @@ class UniformBasis:
         """
         from scipy.sparse import csr_array
 
-        tau = np.atleast_1d(np.asarray(tau, np.float64))
-        first, weights = self.weights(inside(self, tau, n), order)
-        last = first > n - 1 - self.degree  # the end of the domain: the closing interval, at t = 1
-        if last.any():
-            row = np.empty(self.degree + 1)
-            fill_derivative(1.0, self.degree, order, row)
-            first[last], weights[last] = n - 1 - self.degree, row / self.step**order
+        tau = inside(self, np.atleast_1d(np.asarray(tau, np.float64)), n)
+        quotient = (tau - self.origin) / self.step
+        mu = np.clip(np.floor(quotient).astype(np.int64), self.degree, n - 1)  # the last interval is closed
+        first, weights = mu - self.degree, np.empty((len(tau), self.degree + 1))
+        fill_rows(quotient - mu, self.degree, order, weights)
+        weights /= self.step**order
         columns = first[:, None] + np.arange(self.degree + 1)
         starts = np.arange(len(tau) + 1) * (self.degree + 1)
         return csr_array((weights.ravel(), columns.ravel(), starts), shape=(len(tau), n))

@@ -23,13 +23,13 @@ class GaussNewtonConfig(PluginConfig):
     deskew: bool = Field(True, description="move beams to the scan's stamp by the prior's motion")
 
     fuse_motion: tuple[float, float] = quantity(
-        (0.1, 0.1), "m, rad", "a scan is fused once the robot has moved by either since the last fused one"
+        (0.15, 0.15), "m, rad", "a scan is fused once the robot has moved by either since the last fused one"
     )
     known: float = quantity(
         0.1, "1", "a scan of whose beams a smaller share meets the map says nothing: the prior is taken", ge=0, le=1
     )
     doubt: float = quantity(
-        0.4, "1", "a scan of lower quality is not fused", ge=0, le=1
+        0.6, "1", "a scan of lower quality is not fused", ge=0, le=1
     )
     lost_after: int = quantity(4, "scans", "so many doubtful scans in a row, and the pose is lost", ge=1)
     found: float = quantity(0.6, "1", "a search that ends with this quality has found the robot", ge=0, le=1)

@@ -10,7 +10,7 @@ from knotwork.core.contracts import Alignment, Context, Localizer, Map, NormalEq
 from knotwork.core.geometry import compose, relative, wrap
 from knotwork.core.messages import F64, Pose, Scan
 from knotwork.plugins.localizers.gauss_newton import GaussNewtonConfig
-from knotwork.plugins.localizers.gauss_newton.solver import Settings, Solution, prior_cost, propose, solve
+from knotwork.plugins.localizers.gauss_newton.solver import Settings, Solution, posterior, prior_cost, propose, solve
 from knotwork.plugins.localizers.gauss_newton.starts import around
 
 _REFINED = 4  # starts of a search that are solved, the best by cost
@@ -64,6 +64,7 @@ class GaussNewton(Localizer):
         equations = np.zeros((4, 3))
         prior_cost(pose, out, np.eye(3))
         propose(pose, equations[:3], equations[3], pose, np.eye(3), 0.1, out)
+        posterior(pose, np.eye(3), out, np.eye(3), np.empty((3, 3)), out)
 
     def statistics(self) -> dict[str, float]:
         """Return the counts of lost and doubtful scans."""
@@ -224,20 +225,20 @@ class GaussNewton(Localizer):
             self._fused_at = pose
 
     def _publish(self, scan: Scan, found: Found, quality: float, *, lost: bool = False) -> None:
-        H, g = found.equations.H, found.equations.g
-        total = H + found.information
-        pinned = total if np.linalg.cond(total) < 1e12 else total + np.eye(3) * 1e-6
+        H = found.equations.H
+        covariance, scan_pose = np.empty((3, 3)), np.empty(3)
+        posterior(found.pose, H, found.equations.g, found.information, covariance, scan_pose)
         self.context.emit(
             "pose",
             Pose(
                 stamp=scan.stamp,
                 role="estimate",
                 pose=found.pose,
-                covariance=np.linalg.inv(pinned),
+                covariance=covariance,
                 scan_id=scan.scan_id,
                 quality=quality,
                 lost=lost,
-                scan_pose=found.pose - np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ g,
+                scan_pose=scan_pose,
                 scan_information=H,
                 prior_included=True,
             ),

@@ -92,6 +92,46 @@ def propose(
     return math.sqrt(d0 * d0 + d1 * d1), abs(d2), prior_cost(out, prior, information)
 
 
+@kernel
+def posterior(
+    pose: Array, H: Array, g: Array, information: Array, covariance: Array, mean: Array
+) -> None:
+    """Write the covariance (H + information)^-1 (3, 3) and the mean (3,) that the scan alone has.
+
+    Directions of which the scan says nothing get its pose's mean and, without a prior, a large variance.
+    """
+    _invert(H, information, 1e-9, covariance)
+    alone = np.empty((3, 3))
+    _invert(H, np.zeros((3, 3)), 1e-6, alone)
+    for i in range(3):
+        mean[i] = pose[i] - alone[i, 0] * g[0] - alone[i, 1] * g[1] - alone[i, 2] * g[2]
+
+
+@inlined
+def _invert(A: Array, B: Array, ridge: float, out: Array) -> None:
+    """Write (A + B + ridge diag)^-1, by Cholesky."""
+    more = 1.0 + ridge
+    tiny = 1e-6
+    l00 = math.sqrt((A[0, 0] + B[0, 0]) * more + tiny)
+    l10 = (A[1, 0] + B[1, 0]) / l00
+    l20 = (A[2, 0] + B[2, 0]) / l00
+    l11 = math.sqrt(max((A[1, 1] + B[1, 1]) * more + tiny - l10 * l10, tiny))
+    l21 = (A[2, 1] + B[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(max((A[2, 2] + B[2, 2]) * more + tiny - l20 * l20 - l21 * l21, tiny))
+    i00 = 1.0 / l00
+    i11 = 1.0 / l11
+    i22 = 1.0 / l22
+    i10 = -l10 * i00 * i11
+    i21 = -l21 * i11 * i22
+    i20 = (l10 * l21 * i11 - l20) * i00 * i22
+    out[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
+    out[1, 1] = i11 * i11 + i21 * i21
+    out[2, 2] = i22 * i22
+    out[0, 1] = out[1, 0] = i10 * i11 + i20 * i21
+    out[0, 2] = out[2, 0] = i20 * i22
+    out[1, 2] = out[2, 1] = i21 * i22
+
+
 def solve(
     alignment: Alignment, level: int, start: F64, prior: F64, information: F64, settings: Settings
 ) -> Solution:

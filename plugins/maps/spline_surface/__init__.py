@@ -10,16 +10,17 @@ class SplineSurfaceConfig(MapConfig):
     resolution: tuple[float, ...] = quantity(
         (0.30, 0.125, 0.05, 0.03), "m", "knot interval of each level, coarse to fine", min_length=1, max_length=8
     )
+    clamp: float = quantity(8.0, "log-odds", "log-odds are kept within plus and minus this", gt=0)
 
 
 class SplineSurfaceOptions(PluginConfig):
     """What only this map understands."""
 
-    sigma: float = quantity(0.15, "1", "standard deviation of the residual 1 - s / clamp of a good beam", gt=0)
+    sigma: float = quantity(0.1, "1", "standard deviation of the residual 1 - s / clamp of a good beam", gt=0)
     beams: float = quantity(
         180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
     )
-    free_step: float = quantity(0.15, "m", "interval of the free samples along a beam", gt=0)
+    free_step: float = quantity(3.0, "knot intervals", "distance between free samples along a beam", gt=0)
     margin: float = quantity(0.15, "m", "free samples stop this far before the end of a beam", ge=0)
     free_no_return: float = quantity(
         0.0, "m", "a beam without return is free up to this, and to `range_max`; 0: it says nothing", ge=0

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotwork.core.kernel import inlined, kernel
-from knotwork.core.robust import loss_terms
+from knotwork.core.robust import CAUCHY, loss_terms
 from knotwork.core.splines.basis import locate
 from knotwork.core.splines.patch import cubic_add, cubic_norm, cubic_value, cubic_value_gradient
-from knotwork.core.splines.tiles import MASK, claim_patch, in_one_tile, slot_of
+from knotwork.core.splines.tiles import claim_patch, in_one_tile, slot_of
 
 Array = NDArray[Any]
 
+_LARGE = 1e200
 _KNOWN = 1e-3  # [log-odds] nothing has been said of a place whose value is nearer to zero
 
 
@@ -36,6 +37,8 @@ def normal_equations(
     slope = -per_value / step
     h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = cost = 0.0
     used = 0
+    product = 1.0
+    per_scale2 = 1.0 / (scale * scale)
     for k in range(points.shape[0]):
         rx = c * points[k, 0] - s * points[k, 1]
         ry = s * points[k, 0] + c * points[k, 1]
@@ -43,8 +46,16 @@ def normal_equations(
         my, ty = locate(y + ry, 0.0, step)
         value, gx, gy = cubic_value_gradient(pool, directory, oi, oj, mx - 3, my - 3, tx, ty)
         r = per_sigma - value * per_value
-        rho, w = loss_terms(loss, r * r, scale)
-        cost += rho
+        if loss == CAUCHY:  # one logarithm of a product instead of one a beam
+            ratio = 1.0 + r * r * per_scale2
+            product *= ratio
+            w = 1.0 / ratio
+            if product > _LARGE:
+                cost += math.log(product)
+                product = 1.0
+        else:
+            rho, w = loss_terms(loss, r * r, scale)
+            cost += rho
         if abs(value) > _KNOWN:
             used += 1
         jx = gx * slope
@@ -62,6 +73,8 @@ def normal_equations(
         g0 += wx * r
         g1 += wy * r
         g2 += wa * r
+    if loss == CAUCHY:
+        cost = scale * scale * (cost + math.log(product))
     out[0, 0] = weight * h00
     out[0, 1] = out[1, 0] = weight * h01
     out[0, 2] = out[2, 0] = weight * h02
@@ -82,17 +95,27 @@ def costs(
     """Return the cost at each pose (k, 3)."""
     per_sigma = 1.0 / sigma
     per_value = per_sigma / clamp
+    per_scale2 = 1.0 / (scale * scale)
     out = np.empty(poses.shape[0])
     for p in range(poses.shape[0]):
         x, y = poses[p, 0], poses[p, 1]
         c = math.cos(poses[p, 2])
         s = math.sin(poses[p, 2])
         cost = 0.0
+        product = 1.0
         for k in range(points.shape[0]):
             mx, tx = locate(x + c * points[k, 0] - s * points[k, 1], 0.0, step)
             my, ty = locate(y + s * points[k, 0] + c * points[k, 1], 0.0, step)
             r = per_sigma - cubic_value(pool, directory, oi, oj, mx - 3, my - 3, tx, ty) * per_value
-            cost += loss_terms(loss, r * r, scale)[0]
+            if loss == CAUCHY:
+                product *= 1.0 + r * r * per_scale2
+                if product > _LARGE:
+                    cost += math.log(product)
+                    product = 1.0
+            else:
+                cost += loss_terms(loss, r * r, scale)[0]
+        if loss == CAUCHY:
+            cost = scale * scale * (cost + math.log(product))
         out[p] = weight * cost
     return out
 
@@ -137,32 +160,28 @@ def explained(
 
 
 @inlined
-def _clear(pool: Array, directory: Array, oi: int, oj: int, i: int, j: int, amount: float, low: float) -> None:
-    """Take `amount` from all 16 control points of the claimed patch at (i, j), down to `low`."""
+def _missing(directory: Array, oi: int, oj: int, i: int, j: int) -> bool:
+    """Return whether the 4 x 4 patch at (i, j) touches a tile that nobody has claimed."""
     if in_one_tile(i, j, 4):
-        slot = np.uint64(slot_of(directory, oi, oj, i, j))
-        for a in range(4):
-            row = pool[slot, np.uint64((i & MASK) + a)]
-            for b in range(4):
-                row[np.uint64((j & MASK) + b)] = max(row[np.uint64((j & MASK) + b)] - amount, low)
-    else:
-        for a in range(4):
-            for b in range(4):
-                slot = np.uint64(slot_of(directory, oi, oj, i + a, j + b))
-                r, c = np.uint64((i + a) & MASK), np.uint64((j + b) & MASK)
-                pool[slot, r, c] = max(pool[slot, r, c] - amount, low)
+        return slot_of(directory, oi, oj, i, j) == 0
+    return (
+        slot_of(directory, oi, oj, i, j) == 0
+        or slot_of(directory, oi, oj, i, j + 3) == 0
+        or slot_of(directory, oi, oj, i + 3, j) == 0
+        or slot_of(directory, oi, oj, i + 3, j + 3) == 0
+    )
 
 
 @kernel
 def fuse(
     pool: Array, directory: Array, oi: int, oj: int, step: float, rays: Array, pose: Array,
     hit: float, free: float, clamp: float, nearest: float, free_step: float, margin: float, no_return: float,
-    first: int, used: int,
-) -> tuple[int, int]:  # fmt: skip
+    first: int, sample: int, used: int,
+) -> tuple[int, int, int]:  # fmt: skip
     """Fuse rays: first what is free along all of them, then where they ended.
 
-    The directory covers them all. Tiles are claimed from the pool's reserve; when it runs out, the work
-    so far is done and the return value says where to go on: `(next, used)`, done when next is 2 k.
+    The directory covers them all. Tiles are claimed from the pool's reserve; when it runs out, the return
+    value `(first, sample, used)` says where to go on; done when `first` is 2 k.
     """
     k = rays.shape[0]
     capacity = pool.shape[0]
@@ -179,26 +198,25 @@ def fuse(
         if number < k:
             limit = length - margin if ended else min(length, no_return)
             samples = int((limit - nearest) / free_step) + 1 if limit >= nearest else 0
-            needed = used
-            for n in range(samples):
+            for n in range(sample, samples):
                 d = nearest + n * free_step
                 mx, tx = locate(ox + d * ux, 0.0, step)
                 my, ty = locate(oy + d * uy, 0.0, step)
-                needed = claim_patch(directory, oi, oj, mx - 3, my - 3, 4, needed)
-            if needed > capacity:
-                return number, needed
-            used = needed
-            for n in range(samples):
-                d = nearest + n * free_step
-                mx, tx = locate(ox + d * ux, 0.0, step)
-                my, ty = locate(oy + d * uy, 0.0, step)
-                _clear(pool, directory, oi, oj, mx - 3, my - 3, free, -clamp)
+                if _missing(directory, oi, oj, mx - 3, my - 3):
+                    used = claim_patch(directory, oi, oj, mx - 3, my - 3, 4, used)
+                    if used > capacity:
+                        return number, n, used
+                amount = -free / cubic_norm(tx, ty)
+                cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp)
+            sample = 0
         elif ended:
             mx, tx = locate(ox + length * ux, 0.0, step)
             my, ty = locate(oy + length * uy, 0.0, step)
             used = claim_patch(directory, oi, oj, mx - 3, my - 3, 4, used)
             if used > capacity:
-                return number, used
-            amount = hit / cubic_norm(tx, ty)
-            cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp)
-    return 2 * k, used
+                return number, 0, used
+            room = clamp - cubic_value(pool, directory, oi, oj, mx - 3, my - 3, tx, ty)
+            if room > 0.0:  # a wall that is certain does not get thicker
+                amount = min(hit, room) / cubic_norm(tx, ty)
+                cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp)
+    return 2 * k, 0, used

@@ -20,9 +20,9 @@ from knotwork.plugins.maps.spline_surface.alignment import SurfaceAlignment
 class SplineSurface(PlaneMap):
     """Surfaces s of log-odds, in [-clamp, clamp] at their control points (7.15).
 
-    A beam that ends at tau raises s(tau) by `hit`, with the least change of control points (7.14).
-    Samples before the end (7.2, mended: they stop `margin` short of it) take `free` from the 16 control
-    points around them, which lowers s there by just that. All levels get the same.
+    A beam that ends at tau raises s(tau) by `hit`, to `clamp` at most, with the least change of control
+    points (7.14). Samples before the end lower s by `free` in the same way (7.2, mended: they stop `margin`
+    short of it). Each level is fused by itself.
     """
 
     kind = "spline-surface"
@@ -73,7 +73,6 @@ class SplineSurface(PlaneMap):
         if not len(rays):
             return
         config, options = self.config, self.options
-        nearest = max(config.range_min, options.free_step / 2)
         reach = self._reach(rays)
         x, y = float(pose[0]), float(pose[1])
         for surface, step in zip(self.surfaces, config.resolution, strict=True):
@@ -81,11 +80,11 @@ class SplineSurface(PlaneMap):
                 math.floor((x - reach) / step) - 4, math.floor((y - reach) / step) - 4,
                 math.floor((x + reach) / step) + 2, math.floor((y + reach) / step) + 2,
             )  # fmt: skip
-            first, used = 0, surface.used
+            first, sample, used = 0, 0, surface.used
             while first < 2 * len(rays):
-                first, used = kernels.fuse(
+                first, sample, used = kernels.fuse(
                     *surface.arrays(), step, rays, pose, config.hit, config.free, config.clamp,
-                    nearest, options.free_step, options.margin, options.free_no_return, first, used,
+                    config.range_min, options.free_step * step, options.margin, options.free_no_return, first, sample, used,
                 )  # fmt: skip
                 surface.commit(used)
         self._fused += 1
