@@ -47,7 +47,7 @@ def _odometry(rng: Generator, number: int, stamp: int) -> m.Odometry:
 
 def _pose(rng: Generator, number: int, stamp: int, role: str = "estimate") -> m.Pose:
     return m.Pose(
-        stamp=stamp, role=role, pose=_path(number) + rng.normal(0, 1e-2, 3),
+        stamp=stamp, role=role, pose=_path(number) + rng.normal(0, 1e-2, 3),  # type: ignore[arg-type]
         covariance=np.diag([1e-4, 1e-4, 1e-5]), scan_id=number, lost=number % 13 == 12,
         quality=math.nan if number % 5 == 4 else float(rng.uniform()), prior_included=number % 2 == 0,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from knotwork.core.devices.errors import DeviceLost
 from knotwork.core.errors import DriverError
 
 _CHUNK = 4096
-_WRITE_TIMEOUT = 0.2  # s
+_WRITE_TIMEOUT = 0.5  # s
 
 
 class SerialPort:

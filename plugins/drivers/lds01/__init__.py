@@ -15,7 +15,7 @@ class Config(PluginConfig):
         description="serial device; a link below /dev/serial/by-id stays the same after replugging",
         min_length=1,
     )
-    model: Literal["lds01", "lds02", "auto"] = Field("lds01", description="auto: find out by listening")
+    model: Literal["lds01", "lds02", "lds03", "auto"] = Field("lds01", description="auto: find out by listening")
     mount: tuple[float, float, float] = quantity(
         (-0.032, 0.0, 0.0), "m, m, rad", "pose of the lidar in the base frame; a Waffle's is [-0.064, 0, 0]"
     )
@@ -23,7 +23,11 @@ class Config(PluginConfig):
         0.0, "rad", "added to every angle; an LDS-01's zero is uncertain by a degree (0.01745)", ge=-3.2, le=3.2
     )
     beams: int = quantity(
-        720, "1", "beams of an LDS-02's scan, whose points come at varying angles (an LDS-01 has 360)", ge=90, le=3600
+        720,
+        "1",
+        "beams of the scan of an LDS-02 or LDS-03, whose points come at varying angles (an LDS-01 has 360)",
+        ge=90,
+        le=3600,
     )
     frame: str = Field("laser", description="name of the sensor frame")
 
@@ -31,7 +35,7 @@ class Config(PluginConfig):
 class Lds02Config(Config):
     """As of `lds01`."""
 
-    model: Literal["lds01", "lds02", "auto"] = Field("lds02", description="auto: find out by listening")
+    model: Literal["lds01", "lds02", "lds03", "auto"] = Field("lds02", description="auto: find out by listening")
 
 
 _OUTPUTS = {"scan": Port("scan", summary="each turn, at its end; the stamp is its first beam's time")}
@@ -41,7 +45,7 @@ MANIFEST = [
     Manifest(
         name="lds01",
         kind="driver",
-        summary="LDS-01, the lidar of a TurtleBot3 (or an LDS-02: model)",
+        summary="LDS-01, the lidar of a TurtleBot3 (or an LDS-02, LDS-03: model)",
         impl=_IMPL,
         config=Config,
         outputs=_OUTPUTS,
@@ -52,7 +56,7 @@ MANIFEST = [
     Manifest(
         name="lds02",
         kind="driver",
-        summary="LDS-02, the lidar of newer TurtleBot3s (or an LDS-01: model)",
+        summary="LDS-02, the lidar of newer TurtleBot3s (or an LDS-01, LDS-03: model)",
         impl=_IMPL,
         config=Lds02Config,
         outputs=_OUTPUTS,

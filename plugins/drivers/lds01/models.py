@@ -1,13 +1,15 @@
 """From the bytes of each lidar to scans."""
 
 from abc import ABC, abstractmethod
-from math import pi, tau
+from collections.abc import Callable
+from math import pi, radians, tau
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from knotwork.core.messages import F32, Scan
-from knotwork.core.protocols import lds01, lds02
+from knotwork.core.messages import F32, F64, I64, Scan
+from knotwork.core.protocols import lds01, lds02, lds03
 from knotwork.core.protocols.framing import StreamParser
 from knotwork.plugins.drivers.lds01 import Config
 
@@ -28,7 +30,6 @@ class Model(ABC):
     """
 
     baud: int
-    packet_size: int
     start_command = b""
     stop_command = b""
     speeds: tuple[float, float]  # rpm of a healthy motor
@@ -48,8 +49,12 @@ class Model(ABC):
         for packet in packets:
             behind = self.parser.received - packet.end  # bytes that came after it
             # When its first byte set out, which is when its last reading had been taken.
-            scans += self._add(packet, now - round((behind + self.packet_size) * _BITS * 1e9 / self.baud))
+            scans += self._add(packet, now - round((behind + self._size(packet)) * _BITS * 1e9 / self.baud))
         return len(packets), scans
+
+    @abstractmethod
+    def _size(self, packet: Any) -> int:
+        """Return the length of a packet [bytes]."""
 
     @abstractmethod
     def _add(self, packet: Any, sent: int) -> list[Scan]:
@@ -58,6 +63,22 @@ class Model(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Forget an unfinished turn."""
+
+    def _binned(
+        self,
+        begun: int,
+        rate: float,
+        angles: F64,
+        ranges: F64,
+        values: NDArray[np.uint8],
+        limits: tuple[float, float],
+    ) -> Scan:
+        """Return a scan of points at any counter-clockwise angles [rad]; the head turns at `rate` [rad/s]."""
+        n = self.config.beams
+        beams, carried = lds02.binned(angles, ranges, values, n, limit=pi / n)
+        # Beam i looks at 2 pi i / n, where the clockwise head was at 2 pi (1 - i / n).
+        step = tau / rate / n
+        return self._scan(begun, beams, carried, limits, n * step, -step)
 
     def _cut(self, missing: int) -> bool:
         """Tell whether this is the first turn, and not a whole one."""
@@ -89,7 +110,6 @@ class Lds01(Model):
     """LDS-01: 360 readings a turn, clockwise; raw reading n is beam 359 - n."""
 
     baud = lds01.BAUD
-    packet_size = lds01.PACKET
     start_command = lds01.START
     stop_command = lds01.STOP
     speeds = (290.0, 310.0)
@@ -104,6 +124,9 @@ class Lds01(Model):
         self.parser.reset()
         self._entered = True
         self._turns.reset()
+
+    def _size(self, packet: lds01.Packet) -> int:
+        return lds01.PACKET
 
     def _add(self, packet: lds01.Packet, sent: int) -> list[Scan]:
         return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(turn.missing)]
@@ -128,7 +151,6 @@ class Lds02(Model):
     """LDS-02: points at varying angles, put into a fixed number of beams."""
 
     baud = lds02.BAUD
-    packet_size = lds02.PACKET
     speeds = (290.0, 800.0)
 
     def __init__(self, config: Config) -> None:
@@ -142,26 +164,65 @@ class Lds02(Model):
         self._entered = True
         self._turns.reset()
 
+    def _size(self, packet: lds02.Packet) -> int:
+        return lds02.PACKET
+
     def _add(self, packet: lds02.Packet, sent: int) -> list[Scan]:
         return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(1)]
 
     def _convert(self, turn: lds02.Revolution) -> Scan:
         self.missing += turn.missing
         self.rpm = turn.speed / 6.0
-        rate = np.radians(max(turn.speed, 1.0))
-        # A packet sets out after its last point; the least late of them tells (see Lds01).
-        last = np.zeros(len(turn.stamps))
-        np.maximum.at(last, turn.packets, turn.angles)
-        begun = turn.stamps - np.rint(last / rate * 1e9).astype(np.int64)
+        rate = radians(max(turn.speed, 1.0))
         angles, ranges = lds02.corrected(turn.angles, turn.distances)
-        n = self.config.beams
-        ranges32, confidences = lds02.binned(angles, ranges, turn.confidences, n, limit=pi / n)
-        # Beam i looks at 2 pi i / n, where the clockwise head was at 2 pi (1 - i / n).
-        step = float(np.radians(360.0) / rate) / n
-        limits = (lds02.RANGE_MIN, lds02.RANGE_MAX)
-        return self._scan(int(begun.min()), ranges32, confidences, limits, n * step, -step)
+        begun = _begun(turn.angles, turn.packets, turn.stamps, rate)
+        return self._binned(begun, rate, angles, ranges, turn.confidences, (lds02.RANGE_MIN, lds02.RANGE_MAX))
+
+
+class Lds03(Model):
+    """LDS-03: samples at angles of their own, put into a fixed number of beams. Its facts are uncertain."""
+
+    baud = lds03.BAUD
+    start_command = lds03.START
+    stop_command = lds03.STOP
+    speeds = (60.0, 1200.0)
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self.parser = lds03.Parser()
+        self._turns = lds03.Revolutions()
+
+    def reset(self) -> None:
+        """Forget an unfinished turn; the next one is entered in the middle."""
+        self.parser.reset()
+        self._entered = True
+        self._turns.reset()
+
+    def _size(self, packet: lds03.Packet) -> int:
+        return packet.size
+
+    def _add(self, packet: lds03.Packet, sent: int) -> list[Scan]:
+        return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(not turn.whole)]
+
+    def _convert(self, turn: lds03.Revolution) -> Scan:
+        hertz = turn.rate or lds03.RATE
+        self.rpm = 60.0 * hertz
+        self.missing += not turn.whole
+        rate = tau * hertz
+        begun = _begun(turn.angles, turn.packets, turn.stamps, rate)
+        ranges = np.where(turn.distances > 0, turn.distances * 1e-3, np.nan)
+        angles = np.mod(-turn.angles, tau)
+        return self._binned(begun, rate, angles, ranges, turn.intensities, (lds03.RANGE_MIN, lds03.RANGE_MAX))
+
+
+def _begun(angles: F64, packets: NDArray[np.int32], stamps: I64, rate: float) -> int:
+    """Return when a turn began [ns]: a packet sets out after its last point; the least late of them tells."""
+    last = np.zeros(len(stamps))
+    np.maximum.at(last, packets, angles)
+    return int((stamps - np.rint(last / rate * 1e9).astype(np.int64)).min())
 
 
 def make(name: str, config: Config) -> Model:
-    """Return the stream of a model, "lds01" or "lds02"."""
-    return Lds01(config) if name == "lds01" else Lds02(config)
+    """Return the stream of a model: "lds01", "lds02" or "lds03"."""
+    models: dict[str, Callable[[Config], Model]] = {"lds01": Lds01, "lds02": Lds02, "lds03": Lds03}
+    return models[name](config)
