@@ -213,3 +213,47 @@ def test_another_device_is_refused(robot, rig):
     robot = robot()
     with pytest.raises(DriverError, match="no TurtleBot3 answers"):
         rig("opencr", port=robot.lidar_path)
+
+
+def test_a_mistake_in_the_thread_stops_the_wheels_and_ends_the_run(robot, base, rig, monkeypatch):
+    robot = robot()
+    probe = base(robot)
+    rig.drive(probe, 0.1)
+    probe.until(moves(robot))
+
+    def mistaken(now: int) -> bool:
+        raise ValueError("a mistake")
+
+    monkeypatch.setattr(probe.driver, "poll", mistaken)
+    probe.until(stands(robot))
+    with pytest.raises(ValueError, match="a mistake"):
+        probe.timers[0](0)  # the run's own thread hears of it
+    probe.timers.clear()
+
+
+def test_two_programs_cannot_drive_one_base(robot, base, rig):
+    robot = robot()
+    base(robot)
+    with pytest.raises(DriverError, match="in use by another program"):
+        rig("opencr", port=robot.base_path)
+
+
+def test_a_low_battery_stops_the_base(robot, base, rig):
+    robot = robot()
+    probe = base(robot)
+    rig.drive(probe, 0.1)
+    probe.until(moves(robot))
+    robot.board.voltage = 10.9
+    probe.until(lambda: "battery" in probe.last("state").reason)
+    probe.until(stands(robot))
+    robot.board.voltage = 12.0
+    probe.fresh("battery", 2)
+    assert robot.robot.speeds == (0.0, 0.0)
+
+
+def test_wheels_that_do_not_turn_are_noticed(robot, base, rig):
+    robot = robot()
+    probe = base(robot)
+    robot._loop.call(lambda: setattr(robot.board, "_motors", lambda: None))  # as if the motors were stuck
+    rig.drive(probe, 0.1)
+    probe.until(lambda: "do not turn" in probe.last("state").reason)
