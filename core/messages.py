@@ -160,7 +160,10 @@ class Pose(Message):
         What the scan alone says: a Gaussian of that mean and information, the prior taken out. The
         information may be singular (a featureless corridor).
     prior_included
-        True: a filter replaces its state by `pose`, `covariance`. False: it corrects with them.
+        True: a filter replaces its state by `pose`, `local_covariance`. False: it corrects with them.
+    local_covariance : shape (3, 3) or None
+        Of `pose` relative to the part of the map around it, prior included: what the next scan's prior
+        needs. None: `covariance` serves.
     """
 
     type_name: ClassVar[str] = "pose"
@@ -175,6 +178,7 @@ class Pose(Message):
     scan_pose: F64 | None = None
     scan_information: F64 | None = None
     prior_included: bool = False
+    local_covariance: F64 | None = None
     frame: str = "map"
 
 

@@ -22,6 +22,9 @@ class GaussNewtonConfig(PluginConfig):
     damping: float = quantity(1e-3, "1", "first damping: share added to the diagonal of H", gt=0)
     deskew: bool = Field(True, description="move beams to the scan's stamp by the prior's motion")
 
+    inflation: float = quantity(
+        70.0, "1", "variance of a scan's pose relative to what independent beams would give", ge=1
+    )
     fuse_motion: tuple[float, float] = quantity(
         (0.15, 0.15), "m, rad", "a scan is fused once the robot has moved by either since the last fused one"
     )

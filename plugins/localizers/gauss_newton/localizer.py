@@ -12,6 +12,7 @@ from knotwork.core.messages import F64, Pose, Scan
 from knotwork.plugins.localizers.gauss_newton import GaussNewtonConfig
 from knotwork.plugins.localizers.gauss_newton.solver import Settings, Solution, posterior, prior_cost, propose, solve
 from knotwork.plugins.localizers.gauss_newton.starts import around
+from knotwork.plugins.localizers.gauss_newton.uncertainty import MapUncertainty
 
 _REFINED = 4  # starts of a search that are solved, the best by cost
 _WEAK_STARTS = 40
@@ -46,6 +47,7 @@ class GaussNewton(Localizer):
         self._settings = Settings(
             config.loss, config.scale, config.iterations, config.tolerance, config.settle, config.damping
         )
+        self._uncertainty = MapUncertainty(config.inflation)
         self._last = np.zeros(3)  # last believed pose
         self._last_prior = np.zeros(3)  # and the prior of its scan
         self._fused_at: F64 | None = None
@@ -65,6 +67,7 @@ class GaussNewton(Localizer):
         prior_cost(pose, out, np.eye(3))
         propose(pose, equations[:3], equations[3], pose, np.eye(3), 0.1, out)
         posterior(pose, np.eye(3), out, np.eye(3), np.empty((3, 3)), out)
+        MapUncertainty(1.0).warm()
 
     def statistics(self) -> dict[str, float]:
         """Return the counts of lost and doubtful scans."""
@@ -76,7 +79,8 @@ class GaussNewton(Localizer):
         estimate = self._prior(scan)
         prior = np.array(estimate.pose, np.float64)
         if chart.empty():
-            self._publish(scan, _unaided(prior, estimate.covariance), math.nan)
+            self._uncertainty.begin(prior, np.asarray(estimate.covariance, np.float64))
+            self._publish(scan, _unaided(prior, estimate.covariance), math.nan, estimate.covariance)
             self._believe(prior, prior)
             self._fuse(chart, scan, prior, None)
             return
@@ -88,9 +92,9 @@ class GaussNewton(Localizer):
                 found = self._track(chart, scan, prior, estimate, twist)
         if found is None:
             self._lost_scans += 1
-            self._publish(scan, _unaided(prior, estimate.covariance), self._quality, lost=True)
+            self._publish(scan, _unaided(prior, estimate.covariance), self._quality, estimate.covariance, lost=True)
             return
-        self._publish(scan, found, self._quality)
+        self._publish(scan, found, self._quality, estimate.covariance)
         self._believe(found.pose, prior)
         if not self._doubtful:
             self._fuse(chart, scan, found.pose, found.alignment)
@@ -223,11 +227,13 @@ class GaussNewton(Localizer):
             chart.update(scan, pose, alignment, fuse)
         if fuse:
             self._fused_at = pose
+            self._uncertainty.remember(scan, pose)
 
-    def _publish(self, scan: Scan, found: Found, quality: float, *, lost: bool = False) -> None:
+    def _publish(self, scan: Scan, found: Found, quality: float, prior: F64, *, lost: bool = False) -> None:
         H = found.equations.H
-        covariance, scan_pose = np.empty((3, 3)), np.empty(3)
-        posterior(found.pose, H, found.equations.g, found.information, covariance, scan_pose)
+        local, scan_pose = np.empty((3, 3)), np.empty(3)
+        posterior(found.pose, H, found.equations.g, found.information, local, scan_pose)
+        covariance = self._uncertainty.follow(scan, found.pose, prior, found.information, H, local)
         self.context.emit(
             "pose",
             Pose(
@@ -241,6 +247,7 @@ class GaussNewton(Localizer):
                 scan_pose=scan_pose,
                 scan_information=H,
                 prior_included=True,
+                local_covariance=local,
             ),
         )
 

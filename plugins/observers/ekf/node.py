@@ -118,6 +118,8 @@ class Ekf(Observer):
     def _fix(self, message: Pose) -> Fix | None:
         """Return the correction with its place in the history, None if its numbers are unusable."""
         pose, covariance, information = message.pose, message.covariance, None
+        if message.prior_included and message.local_covariance is not None:
+            covariance = message.local_covariance
         if not message.prior_included and message.scan_information is not None:
             information = message.scan_information
             pose = message.pose if message.scan_pose is None else message.scan_pose
