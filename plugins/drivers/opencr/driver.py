@@ -22,6 +22,7 @@ from knotwork.plugins.drivers.opencr.board import GEOMETRIES, Board, quantised
 
 _REFRESH = 100_000_000  # ns between heartbeats, and between repeats of an unchanged command
 _SLOW = 1_000_000_000  # ns between readings of battery and torque
+_AGE = 10_000_000  # ns; the board refreshes its registers every 20 ms
 _BIAS, _CALIBRATED_BIAS = 5e-4, 1e-4  # rad/s, sigma; the board counts in steps of 0.001 rad/s
 _LOW_FOR = 3_000_000_000  # ns; the battery's voltage dips when the robot sets off
 
@@ -79,7 +80,7 @@ class OpenCr(BaseDriver):
         """Read wheels and IMU, now and then battery and torque."""
         inertial, wheels = self.board.state()
         within = (clock.epoch() - self.board.bus.sent) // 2
-        stamp = self.board.bus.sent + within
+        stamp = self.board.bus.sent + within - _AGE
         w, x, y, z = inertial.orientation
         yaw = atan2(x * y + w * z, 0.5 - y * y - z * z)
         odometry = self._odometry
