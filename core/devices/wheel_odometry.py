@@ -9,15 +9,16 @@ from knotwork.core.world.odometry import DeadReckoning
 from knotwork.core.world.parameters import BaseParameters
 
 _TURN = 2.0 * np.pi
+_PAUSE = 1.0  # s for which a device may show old counts
 _SLACK = 200  # ticks that two readings may differ beyond what the wheels can roll
 
 
 class WheelOdometry:
     """Dead reckoning on 32-bit encoder counts.
 
-    A change that no wheel can roll is either a damaged reading, which the next one contradicts, or the
-    encoders have restarted, which the next one confirms; then odometry goes on from where it was, marked
-    as a discontinuity.
+    A change that no wheel can roll is a damaged reading if the next one contradicts it. If the next one
+    confirms it, the encoders have restarted, which they do within a turn of zero, and odometry goes on from
+    where it was, marked as a discontinuity; or the device has shown old counts for a moment.
 
     Parameters
     ----------
@@ -111,12 +112,13 @@ class WheelOdometry:
         if max(abs(change[0]), abs(change[1])) > most:
             again = _difference(ticks, self._suspect) if self._suspect is not None else None
             self._suspect = ticks
-            if again is not None and max(abs(again[0]), abs(again[1])) <= most:
+            if again is None or max(abs(again[0]), abs(again[1])) > most:
+                self.rejected += 1
+                return None
+            if self._restarted(change, ticks, most):
                 self.restarts += 1
                 self.restart()
                 return self.update(stamp, ticks, velocity, turn, within)
-            self.rejected += 1
-            return None
         self._suspect = None
         self._last, self._stamp, self._within = ticks, stamp, within
         if change != (0, 0) or not self.moved:
@@ -127,6 +129,13 @@ class WheelOdometry:
             stamp, self._angles[0], self._angles[1], 0.0 if turn is None else turn / period, period
         )
         return odometry, self._wheels(stamp, velocity, False)
+
+    def _restarted(self, change: tuple[int, int], ticks: tuple[int, int], most: float) -> bool:
+        """Tell whether a change that two readings agree on is a restart, not a device that paused for a moment."""
+        if max(abs(change[0]), abs(change[1])) > most + self._per_second * _PAUSE:
+            return True
+        turn = _TURN / self._angle_of_tick
+        return any(abs(c) > most and -turn <= t < 2.0 * turn for c, t in zip(change, ticks, strict=True))
 
     def _wheels(self, stamp: int, velocity: tuple[float, float], discontinuity: bool) -> Wheels:
         return Wheels(

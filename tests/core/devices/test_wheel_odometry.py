@@ -79,6 +79,16 @@ def test_encoders_that_restart_go_on_from_the_same_pose_and_say_so():
     assert odometry.restarts == 1
 
 
+def test_a_board_that_showed_old_counts_for_a_moment_has_not_restarted():
+    odometry = odometer()
+    odometry.update(1, (90_000, 90_000), (0, 0), None)
+    odometry.update(300 * MS, (90_000, 90_000), (0, 0), None)
+    assert odometry.update(320 * MS, (91_000, 91_000), (0, 0), None) is None
+    found = odometry.update(340 * MS, (91_080, 91_080), (0, 0), None)
+    assert not found[0].discontinuity
+    assert found[0].pose[0] == pytest.approx(1_080 * TICK * RADIUS)
+
+
 def test_a_host_that_paused_does_not_take_a_fast_wheel_for_a_restart():
     odometry = odometer()
     odometry.update(1, (0, 0), (0, 0), None)
