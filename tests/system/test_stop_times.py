@@ -15,8 +15,9 @@ spec.loader.exec_module(stop_times)
 
 # A loaded machine may be late once; a base that does not stop is late each time.
 ATTEMPTS = 3
-QUICK = [name for name, case in stop_times.CASES.items() if case.base == "opencr"]
-QUICK += ["SIGKILL dynamixel", "base unplugged dynamixel", "SIGTERM dynamixel", "SIGKILL agilex", "SIGTERM agilex"]
+FAILURES = ("SIGINT", "SIGTERM", "SIGKILL", "exception", "commands lost", "lidar unplugged", "base unplugged")
+QUICK = [f"{failure} opencr" for failure in FAILURES]
+QUICK += ["SIGKILL dynamixel", "base unplugged dynamixel", "SIGKILL agilex"]
 
 
 @pytest.mark.parametrize("name", QUICK)
