@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from knotwork.core.clock import epoch
 from knotwork.core.evaluation.tum import StampedPoses, read_tum
 
 _DIRTY = ["--drop-bytes", "lidar=0.01", "--flip-bits", "lidar=0.001", "--drop-bytes", "base=0.001"]
@@ -61,13 +62,14 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         ]  # fmt: skip
         pipeline = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         _wait(pipeline, arguments, folder)
+        ended = epoch()
         pipeline.send_signal(signal.SIGINT)
         _, status, used = os.wait4(pipeline.pid, 0)
         pipeline.returncode = os.waitstatus_to_exitcode(status)
     finally:
         robot.send_signal(signal.SIGTERM)
         robot.wait(10.0)
-    return figures(folder, out, used, pipeline.returncode)
+    return figures(folder, out, used, pipeline.returncode, ended)
 
 
 def _wait(pipeline: "subprocess.Popen[bytes]", arguments: argparse.Namespace, folder: Path) -> None:
@@ -82,9 +84,10 @@ def _wait(pipeline: "subprocess.Popen[bytes]", arguments: argparse.Namespace, fo
             print(f"{shown - end + arguments.duration + _START:7.0f} s  {rss / 1024:.1f} MB", flush=True)
 
 
-def figures(folder: Path, out: Path, used: resource.struct_rusage, code: int) -> dict[str, object]:
+def figures(folder: Path, out: Path, used: resource.struct_rusage, code: int, ended: int) -> dict[str, object]:
     summary = json.loads((out / "summary.json").read_text())
-    distance = errors(read_tum(out / "trajectory.online.tum"), read_tum(folder / "truth.tum"))
+    estimate = read_tum(out / "trajectory.online.tum")
+    distance = errors(estimate, read_tum(folder / "truth.tum"))
     counters, nodes = summary["counters"], summary["nodes"]
     return {
         "exit code": code,
@@ -93,6 +96,9 @@ def figures(folder: Path, out: Path, used: resource.struct_rusage, code: int) ->
         "poses": len(distance),
         "position error [cm RMS]": round(100 * float(np.sqrt(np.mean(distance**2))), 2),
         "position error [cm max]": round(100 * float(distance.max()), 2),
+        "newest pose's age at the end [s]": round(
+            (ended - int(estimate.stamps[-1])) * 1e-9, 3
+        ),  # grows if stamps drift
         "drops": {name: row["drops"] for name, row in nodes.items() if row.get("drops")},
         "lidar": counters["lidar"],
         "base": counters["base"],
@@ -117,7 +123,7 @@ def main() -> int:
         folder = Path(arguments.keep or temporary)
         folder.mkdir(parents=True, exist_ok=True)
         for name, value in run(arguments, folder).items():
-            print(f"{name:<26}{value}", flush=True)
+            print(f"{name:<34}{value}", flush=True)
     return 0
 
 
