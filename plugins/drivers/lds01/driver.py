@@ -57,6 +57,7 @@ class Lds(Driver):
 
     def start(self) -> None:
         """Start the thread; what came while other devices were opened is old, and cut by a full buffer."""
+        self._heard = self._nudged = clock.epoch()
         with suppress(DeviceLost):  # the thread will find out
             if self._port is not None and self._model is not None:
                 self._port.flush_input()

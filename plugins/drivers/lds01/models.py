@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from math import pi, radians, tau
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,7 @@ class Lds01(Model):
         super().__init__(config)
         self.parser = lds01.Parser()
         self._turns = lds01.Revolutions()
+        self._speeds: list[float] = []
 
     def reset(self) -> None:
         """Forget an unfinished turn; the next one is entered in the middle."""
@@ -129,12 +131,13 @@ class Lds01(Model):
         return lds01.PACKET
 
     def _add(self, packet: lds01.Packet, sent: int) -> list[Scan]:
+        self._speeds = [*self._speeds[1 - lds01.SECTORS :], packet.rpm]
         return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(turn.missing)]
 
     def _convert(self, turn: lds01.Revolution) -> Scan:
         self.missing += turn.missing
-        self.rpm = turn.rpm
-        step = 1.0 / (6.0 * turn.rpm) if turn.rpm > 0.0 else 1.0 / (360.0 * lds01.RATE)
+        self.rpm = median(self._speeds)  # a sum of bytes lets some damaged packets through
+        step = 1.0 / (6.0 * self.rpm) if self.rpm > 0.0 else 1.0 / (360.0 * lds01.RATE)
         # Bytes come late, never early: the packet that was least late tells when the turn began.
         sectors = np.flatnonzero(turn.sectors)
         last = lds01.BEAMS * (sectors + 1) - 1
