@@ -122,7 +122,8 @@ def main() -> None:
         for k in np.linspace(10, len(e) - 1, 10).astype(int):
             x = result["truth"][k, 0]
             print(
-                f"at {x:6.1f} m: error {e[k].round(3)}, sigma x {sigma[k]:.3f} m, map {result['map'].nbytes / 1e6:.2f} MB"
+                f"at {x:6.1f} m: error {e[k].round(3)}, sigma x {sigma[k]:.3f} m, "
+                f"map {result['map'].nbytes / 1e6:.2f} MB"
             )
     else:
         for seed in range(arguments.seeds):

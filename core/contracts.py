@@ -221,6 +221,14 @@ class PriorEstimate:
     weak: bool = False
 
 
+@runtime_checkable
+class PacketSource(Protocol):
+    """What a base asks its lidar, from its own thread: no message could tell of a silence in time."""
+
+    def last_packet(self) -> int:
+        """Return when the last good packet arrived, by `clock.epoch()` [ns]; 0 before the first."""
+
+
 class Localizer(Node, ABC):
     """Scan + prior + map to `Pose(role="estimate")`."""
 

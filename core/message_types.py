@@ -18,6 +18,8 @@ _TYPES: dict[str, str] = {
     "trajectory": f"{_CORE}:Trajectory",
     "transform": f"{_CORE}:Transform",
     "twist": f"{_CORE}:Twist",
+    "motion_control": f"{_CORE}:MotionControl",
+    "motion_state": f"{_CORE}:MotionState",
     "camera_twist": f"{_CORE}:CameraTwist",
     "imu": f"{_CORE}:Imu",
     "wheels": f"{_CORE}:Wheels",

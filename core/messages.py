@@ -215,13 +215,43 @@ class Transform(Message):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Twist(Message):
-    """Commanded velocity of `base`: vx, vy [m/s], yaw rate [rad/s]; its age counts from `stamp`."""
+    """Commanded velocity of `base`: vx, vy [m/s], yaw rate [rad/s].
+
+    `stamp` is the run's time at its emission (`context.now()`); a base counts its age from there.
+    """
 
     type_name: ClassVar[str] = "twist"
 
     vx: float
     vy: float = 0.0
     wz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionControl(Message):
+    """What a person tells a base: emergency `stop`, or `rearm` after a fault or an emergency stop."""
+
+    type_name: ClassVar[str] = "motion_control"
+
+    action: Literal["stop", "rearm"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionState(Message):
+    """Whether a base may move, given at each change.
+
+    Attributes
+    ----------
+    state
+        `ready`; `waiting` for first data; `fault` or `emergency`: it stands until re-armed.
+    reason
+        Why it stands, "" when it need not.
+    """
+
+    type_name: ClassVar[str] = "motion_state"
+
+    state: Literal["ready", "waiting", "fault", "emergency"]
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

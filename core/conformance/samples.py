@@ -75,6 +75,10 @@ _ORDINARY: dict[str, Callable[[Generator, int, int], m.Message]] = {
     ),
     "transform": lambda rng, n, t: m.Transform(stamp=t, parent="map", child="odom", pose=rng.normal(size=3)),
     "twist": lambda rng, n, t: m.Twist(stamp=t, vx=float(rng.uniform(-0.2, 0.2)), wz=float(rng.uniform(-1, 1))),
+    "motion_control": lambda rng, n, t: m.MotionControl(stamp=t, action=("stop", "rearm")[n % 2]),
+    "motion_state": lambda rng, n, t: m.MotionState(
+        stamp=t, state=("waiting", "ready", "fault", "emergency")[n % 4], reason="" if n % 4 == 1 else "a reason"
+    ),
     "camera_twist": lambda rng, n, t: m.CameraTwist(stamp=t, v=rng.normal(size=3), w=rng.normal(size=3)),
     "imu": lambda rng, n, t: m.Imu(
         stamp=t, angular_velocity=rng.normal(size=3), linear_acceleration=rng.normal(size=3)
@@ -116,6 +120,8 @@ def extremes() -> Iterator[tuple[str, m.Message]]:
         m.Trajectory(stamp=3, scan_ids=np.empty(0, np.int64), stamps=np.empty(0, np.int64), poses=np.empty((0, 3))),
     )
     yield "c.tf", m.Transform(stamp=4, parent="", child=text, pose=nan3)
+    yield "c.motion_control", m.MotionControl(stamp=5, action="stop")
+    yield "c.motion_state", m.MotionState(stamp=5, state="fault", reason=text)
     yield "c.twist", m.Twist(stamp=5, vx=math.inf, vy=-math.inf, wz=math.nan)
     yield "c.camera", m.CameraTwist(stamp=6, v=nan3, w=np.array([1e308, -0.0, 5e-324]))
     yield "c.imu", m.Imu(stamp=7, angular_velocity=nan3, linear_acceleration=nan3, orientation_wxyz=np.zeros(4))

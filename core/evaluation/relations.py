@@ -51,9 +51,7 @@ def read_relations(path: str | Path) -> Relations:
     return Relations(stamps[:, 0], stamps[:, 1], values[:, [0, 1, 5]])
 
 
-def score_relations(
-    trajectory: StampedPoses, relations: Relations, tolerance: float = TOLERANCE
-) -> dict[str, Any]:
+def score_relations(trajectory: StampedPoses, relations: Relations, tolerance: float = TOLERANCE) -> dict[str, Any]:
     """Score a trajectory of robot poses.
 
     Each time of a relation is matched to the nearest pose within `tolerance` [s]; a relation without

@@ -12,9 +12,7 @@ from knotwork.core.stamps import parse_seconds
 _LIMIT = 1e9  # metres; keeps squares and differences finite
 
 
-def read_table(
-    path: str | Path, times: int, widths: tuple[int, ...], expected: str
-) -> tuple[I64, F64, list[int]]:
+def read_table(path: str | Path, times: int, widths: tuple[int, ...], expected: str) -> tuple[I64, F64, list[int]]:
     """Read whitespace-separated numbers from a plain, .gz or .xz file; `#` starts a comment line.
 
     Parameters
@@ -52,17 +50,13 @@ def read_table(
             if not fields or fields[0].startswith(b"#"):
                 continue
             if len(fields) not in widths:
-                raise InputError(
-                    f"found {len(fields)} columns, expected {expected}", where=f"{path}:{number}"
-                )
+                raise InputError(f"found {len(fields)} columns, expected {expected}", where=f"{path}:{number}")
             widths = (len(fields),)
             try:
                 stamps.append([parse_seconds(text) for text in fields[:times]])
                 row = [float(text) for text in fields[times:]]
             except ValueError:
-                raise InputError(
-                    f"a field is not a number, expected {expected}", where=f"{path}:{number}"
-                ) from None
+                raise InputError(f"a field is not a number, expected {expected}", where=f"{path}:{number}") from None
             if not all(abs(value) < _LIMIT for value in row):
                 raise InputError("a number is not finite or out of range", where=f"{path}:{number}")
             rows.append(row)

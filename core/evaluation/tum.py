@@ -61,9 +61,7 @@ def read_tum(path: str | Path) -> StampedPoses:
     norm = qx * qx + qy * qy + qz * qz + qw * qw
     bad = np.flatnonzero(~((norm > 1e-12) & np.isfinite(norm)))
     if bad.size:
-        raise InputError(
-            "the quaternion has no direction", where=f"{path}:{numbers[bad[0]]}", hint="expected length 1"
-        )
+        raise InputError("the quaternion has no direction", where=f"{path}:{numbers[bad[0]]}", hint="expected length 1")
     yaw = np.arctan2(2.0 * (qw * qz + qx * qy), norm - 2.0 * (qy * qy + qz * qz))
     return StampedPoses(stamps[:, 0], np.stack((x, y, yaw), axis=1))
 

@@ -10,4 +10,3 @@ from knotwork.core.splines.tiles import TiledArray
 from knotwork.core.splines.uniform import UniformBasis
 
 __all__ = ["Curve", "Surface", "TiledArray", "UniformBasis"]
-

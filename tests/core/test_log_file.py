@@ -77,9 +77,7 @@ def test_files_that_cannot_be_opened(tmp_path, error):
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     st.binary(max_size=300),
-    st.sampled_from(
-        [b"", b"\x1f\x8b\x08", b"\xfd7zXZ\x00\x00\x04", gzip.compress(b"a\nb"), lzma.compress(b"a\nb")]
-    ),
+    st.sampled_from([b"", b"\x1f\x8b\x08", b"\xfd7zXZ\x00\x00\x04", gzip.compress(b"a\nb"), lzma.compress(b"a\nb")]),
     st.integers(0, 80),
 )
 def test_any_bytes_are_lines_or_damage(tmp_path, noise, head, cut):

@@ -1,7 +1,12 @@
 """The conformance kit on everything that ships."""
 
+import uuid
 from pathlib import Path
+from typing import ClassVar
 
+import pytest
+
+from knotwork.core.clock import epoch
 from knotwork.core.conformance import (
     CommandSuite,
     DriverSuite,
@@ -12,6 +17,8 @@ from knotwork.core.conformance import (
     SinkSuite,
 )
 from knotwork.core.conformance.suite import PluginSuite
+from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
+from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3
 from knotwork.core.registry import Registry
 
 FLASER = " ".join(f"{1 + 0.01 * i:.2f}" for i in range(180))
@@ -48,6 +55,74 @@ class TestMinesrover(DriverSuite):
 class TestSim2d(DriverSuite):
     plugin = "sim2d"
     config = {"duration": 4.0}
+
+
+class Emulated:
+    """A suite whose device is emulated."""
+
+    robot: TurtleBot3
+    settings: ClassVar[dict[str, str]] = {}
+    part = "base"
+
+    @pytest.fixture(autouse=True)
+    def emulated(self):
+        with TurtleBot3(Settings(world="arena", **self.settings)) as self.robot:
+            yield
+
+    def files(self, folder: Path):
+        return {"port": self.robot.lidar_path if self.part == "lidar" else self.robot.base_path}
+
+    def use(self, protocol: str):
+        return self
+
+    def last_packet(self) -> int:
+        return epoch()
+
+
+class TestLds01(Emulated, DriverSuite):
+    plugin = "lds01"
+    part = "lidar"
+
+
+class TestLds02(Emulated, DriverSuite):
+    plugin = "lds02"
+    part = "lidar"
+    settings = {"lidar": "lds02"}
+
+
+class TestOpenCr(Emulated, DriverSuite):
+    plugin = "opencr"
+    config = {"calibrate_gyro": False}
+
+
+class TestDynamixelWheels(Emulated, DriverSuite):
+    plugin = "dynamixel-wheels"
+    settings = {"base": "dynamixel"}
+
+
+class TestCanBase(Emulated, DriverSuite):
+    plugin = "can-base"
+
+    @pytest.fixture(autouse=True)
+    def emulated(self):
+        self.channel = uuid.uuid4().hex
+        with AgilexBase(AgilexSettings(interface="virtual", channel=self.channel, world="arena")):
+            yield
+
+    def files(self, folder: Path):
+        return {"interface": "virtual", "channel": self.channel}
+
+
+class TestTeleopKeyboard(PolicySuite):
+    plugin = "teleop-keyboard"
+
+
+class TestDoctor(CommandSuite):
+    plugin = "doctor"
+
+
+class TestEmulate(CommandSuite):
+    plugin = "emulate"
 
 
 class TestEkf(ObserverSuite):

@@ -23,14 +23,10 @@ class EvaluateCommand(Command):
         form.add_argument("relations", metavar="RELATIONS", help="file of `t1 t2 x y z roll pitch yaw` lines")
         _common(form, relations.TOLERANCE)
 
-        form = forms.add_parser(
-            "trajectory", help="absolute and relative trajectory error against a reference"
-        )
+        form = forms.add_parser("trajectory", help="absolute and relative trajectory error against a reference")
         form.add_argument("estimate", metavar="EST", help="TUM file of the estimate")
         form.add_argument("reference", metavar="REF", help="TUM file of the reference")
-        form.add_argument(
-            "--align", choices=("none", "se2"), default="none", help="move EST onto REF before ATE"
-        )
+        form.add_argument("--align", choices=("none", "se2"), default="none", help="move EST onto REF before ATE")
         _common(form, trajectory_error.TOLERANCE)
 
     def run(self, arguments: Any) -> int:
@@ -39,9 +35,7 @@ class EvaluateCommand(Command):
             raise InputError(f"expected 0 s or more, found {arguments.tolerance}", where="--tolerance")
         if arguments.form == "relations":
             poses = read_tum(arguments.trajectory)
-            score = relations.score_relations(
-                poses, relations.read_relations(arguments.relations), arguments.tolerance
-            )
+            score = relations.score_relations(poses, relations.read_relations(arguments.relations), arguments.tolerance)
             table = _relations_table(score)
         else:
             score = trajectory_error.score_trajectory(
@@ -112,7 +106,5 @@ def _spread(mean: float | None, std: float | None) -> str:
 
 def _aligned(rows: list[tuple[str, ...]]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = (
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    )
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows)
     return "\n".join(lines) + "\n"

@@ -15,9 +15,7 @@ class GazeboTextConfig(LogConfig):
     rate: float = quantity(5.0, "Hz", "the log has no times: scan i is stamped i / rate", gt=0)
     range_min: float = quantity(0.12, "m", "shorter readings are invalid (NaN)", ge=0)
     range_max: float = quantity(3.5, "m", "longer readings are no return (inf)", gt=0, le=1e6)
-    mount: tuple[float, float, float] = quantity(
-        (-0.032, 0.0, 0.0), "m, m, rad", "pose of the sensor on the robot"
-    )
+    mount: tuple[float, float, float] = quantity((-0.032, 0.0, 0.0), "m, m, rad", "pose of the sensor on the robot")
 
 
 MANIFEST = Manifest(

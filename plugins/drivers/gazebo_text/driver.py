@@ -35,10 +35,7 @@ class GazeboTextDriver(LogDriver):
             raise ValueError("expected a finite pose, three angles and ranges")
         angle_min, angle_max, increment = (float(value) for value in values[3:6])
         ranges = values[6:]
-        if (
-            increment <= 0.0
-            or not abs(angle_min + (ranges.size - 1) * increment - angle_max) < 1.5 * increment
-        ):
+        if increment <= 0.0 or not abs(angle_min + (ranges.size - 1) * increment - angle_max) < 1.5 * increment:
             raise ValueError(f"{ranges.size} ranges do not fill the angles {angle_min:g} to {angle_max:g}")
         too_near = np.isnan(ranges) | (ranges < self._config.range_min)
         ranges = np.where(too_near, np.nan, np.where(ranges > self._config.range_max, np.inf, ranges))

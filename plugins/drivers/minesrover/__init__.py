@@ -16,12 +16,8 @@ class MinesroverConfig(LogConfig):
     wheel_radius: float = quantity(0.077, "m", "radius of the wheels", gt=0)
     axle: float = quantity(0.330, "m", "distance between the wheels", gt=0)
     ticks_per_turn: float = quantity(2000.0, "1", "encoder ticks of one wheel turn", gt=0)
-    largest_step: float = quantity(
-        1.0, "m", "a wheel that seems to roll further between records was reset", gt=0
-    )
-    mount: tuple[float, float, float] = quantity(
-        (0.145, 0.0, 0.0), "m, m, rad", "pose of the sensor on the robot"
-    )
+    largest_step: float = quantity(1.0, "m", "a wheel that seems to roll further between records was reset", gt=0)
+    mount: tuple[float, float, float] = quantity((0.145, 0.0, 0.0), "m, m, rad", "pose of the sensor on the robot")
     angle_min: float = quantity(math.radians(-120.0), "rad", "direction of the first beam")
     angle_increment: float = quantity(math.radians(240.0 / 681.0), "rad", "angle between beams", gt=0)
     margin: int = quantity(70, "1", "beams disregarded (NaN) at either end", ge=0, le=340)

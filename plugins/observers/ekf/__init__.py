@@ -25,12 +25,8 @@ class EkfConfig(PluginConfig):
     translation_per_radian: float = quantity(
         0.06, "m/sqrt(rad)", "sigma of each position axis after one radian of turning", ge=0
     )
-    rotation_per_metre: float = quantity(
-        0.06, "rad/sqrt(m)", "sigma of yaw after one metre of odometry", ge=0
-    )
-    rotation_per_radian: float = quantity(
-        0.08, "rad/sqrt(rad)", "sigma of yaw after one radian of turning", ge=0
-    )
+    rotation_per_metre: float = quantity(0.06, "rad/sqrt(m)", "sigma of yaw after one metre of odometry", ge=0)
+    rotation_per_radian: float = quantity(0.08, "rad/sqrt(rad)", "sigma of yaw after one radian of turning", ge=0)
     floor: tuple[Positive, Positive] = quantity(
         (0.005, 0.005), "m/sqrt(s), rad/sqrt(s)", "sigma that a second adds even to a robot that stands"
     )
@@ -72,9 +68,7 @@ class EkfConfig(PluginConfig):
     gate_motion: tuple[Positive, Positive] = quantity(
         (0.2, 0.2), "m, rad", "a correction that moves the pose by less than both is never refused"
     )
-    gate_patience: int = quantity(
-        3, "corrections", "after so many refused in a row the next one is believed", ge=1
-    )
+    gate_patience: int = quantity(3, "corrections", "after so many refused in a row the next one is believed", ge=1)
     correction_sigma: tuple[Positive, Positive] = quantity(
         (0.02, 0.01), "m, rad", "sigma of a correction that states none"
     )
@@ -115,9 +109,7 @@ MANIFEST = Manifest(
     impl="knotwork.plugins.observers.ekf.node:Ekf",
     config=EkfConfig,
     inputs={
-        "odometry": Port(
-            "odometry", optional=True, summary="without it: constant velocity from the corrections"
-        ),
+        "odometry": Port("odometry", optional=True, summary="without it: constant velocity from the corrections"),
         "scan": Port(
             "scan",
             optional=True,

@@ -119,14 +119,10 @@ def information_distance(pose: Pose2, p: Triangle, measured: Pose2, information:
     (P + L^-1)^-1 = L (I + P L)^-1 needs no inverse of L: what L does not know does not count.
     """
     e = np.array(innovation(pose, measured))
-    return math.sqrt(
-        max(0.0, float(e @ information @ np.linalg.solve(np.eye(3) + to_matrix(p) @ information, e)))
-    )
+    return math.sqrt(max(0.0, float(e @ information @ np.linalg.solve(np.eye(3) + to_matrix(p) @ information, e))))
 
 
-def correct_information(
-    pose: Pose2, p: Triangle, measured: Pose2, information: F64
-) -> tuple[Pose2, Triangle]:
+def correct_information(pose: Pose2, p: Triangle, measured: Pose2, information: F64) -> tuple[Pose2, Triangle]:
     """Correct as `correct` does, for an information matrix (3, 3) that may be singular (a corridor).
 
     P+ = (I + P L)^-1 P and xi+ = xi + P+ L e need no inverse of L.

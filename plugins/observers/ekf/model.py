@@ -56,9 +56,7 @@ class Model:
         part = min(1.0, ahead / max(1, follower.time - knot.time))
         return interpolate(start, cast(Pose2, follower.odom), part), part
 
-    def moved(
-        self, before: Entry, odom: Pose2, part: float, time: int, knot: Knot, follower: Knot | None
-    ) -> State:
+    def moved(self, before: Entry, odom: Pose2, part: float, time: int, knot: Knot, follower: Knot | None) -> State:
         """Predict from an entry to odometry `odom` at `time`, `part` of the way from `knot` to `follower`."""
         state = before.state
         start = cast(Pose2, before.odom)
@@ -82,9 +80,7 @@ class Model:
             noise = times(noise, self._gap_factor)
             weak = True
         pose, covariance = predict(state.pose, state.covariance, motion, noise)
-        return State(
-            pose, covariance, state.moved + way, state.turned + turn, weak, state.refused, state.steady
-        )
+        return State(pose, covariance, state.moved + way, state.turned + turn, weak, state.refused, state.steady)
 
     def jumped(self, before: Entry) -> State:
         """Stay where the robot was, much less sure of it: odometry cannot be compared."""

@@ -55,14 +55,10 @@ class Ekf(Observer):
         if not _finite(x, y, yaw, *(twist or ()), *(covariance or ())):
             self._tell("invalid_odometry", "odometry with a value that is no number is ignored")
             return
-        knot = self._history.append_odometry(
-            message.time, (x, y, yaw), twist, covariance, message.discontinuity
-        )
+        knot = self._history.append_odometry(message.time, (x, y, yaw), twist, covariance, message.discontinuity)
         _remember(self._stamps, message.stamp, (knot.time, knot.number))
         if knot.jump:
-            self._tell(
-                "discontinuities", "odometry was interrupted: weak prediction until the next correction"
-            )
+            self._tell("discontinuities", "odometry was interrupted: weak prediction until the next correction")
         elif knot.gap:
             self.context.count("gaps")
         self._publish(message)
@@ -84,9 +80,7 @@ class Ekf(Observer):
             return
         fix = self._fix(message)
         if fix is None:
-            self._tell(
-                "invalid_corrections", "a correction whose numbers make no pose and covariance is ignored"
-            )
+            self._tell("invalid_corrections", "a correction whose numbers make no pose and covariance is ignored")
             return
         if not self._history.insert(fix):
             self._tell("old_corrections", "a correction older than the buffer is ignored; raise `buffer`")
@@ -99,9 +93,7 @@ class Ekf(Observer):
         last = self._history.entries[-1]
         if last.odom is not None:
             pose = np.array(compose(last.state.pose, inverse(last.odom)))
-            self.context.emit(
-                "transform", Transform(stamp=message.stamp, parent="map", child="odom", pose=pose)
-            )
+            self.context.emit("transform", Transform(stamp=message.stamp, parent="map", child="odom", pose=pose))
 
     def _publish(self, message: Message) -> None:
         state = self._history.entries[-1].state
@@ -162,9 +154,7 @@ class Ekf(Observer):
         self.context.count(counter)
         if counter not in self._told:
             self._told.add(counter)
-            self.context.report(
-                "warning", f"{text} (first of its kind; the summary counts them as {counter})"
-            )
+            self.context.report("warning", f"{text} (first of its kind; the summary counts them as {counter})")
 
 
 def _remember(places: dict[Any, Place], key: Any, place: Place) -> None:

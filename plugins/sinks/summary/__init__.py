@@ -8,12 +8,8 @@ from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 class SummaryConfig(PluginConfig):
     """Where the summary goes and how often it is written."""
 
-    name: str = Field(
-        "summary", pattern=r"^[\w.-]+$", description="file name without ending, in the run's folder"
-    )
-    period: float = quantity(
-        60.0, "s", "also written each so many seconds of the log; 0: at the end only", ge=0
-    )
+    name: str = Field("summary", pattern=r"^[\w.-]+$", description="file name without ending, in the run's folder")
+    period: float = quantity(60.0, "s", "also written each so many seconds of the log; 0: at the end only", ge=0)
 
 
 MANIFEST = Manifest(

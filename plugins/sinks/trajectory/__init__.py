@@ -8,9 +8,7 @@ from knotwork.core.manifest import Manifest, PluginConfig, Port
 class TrajectoryConfig(PluginConfig):
     """Where the path goes."""
 
-    name: str = Field(
-        "trajectory", pattern=r"^[\w.-]+$", description="file name without ending, in the run's folder"
-    )
+    name: str = Field("trajectory", pattern=r"^[\w.-]+$", description="file name without ending, in the run's folder")
 
 
 MANIFEST = Manifest(

@@ -28,9 +28,7 @@ def matrix(pose):
 @given(POSES, POSES)
 def test_compose_and_relative_are_products_of_matrices(a, b):
     assert np.allclose(matrix(compose(np.array(a), np.array(b))), matrix(a) @ matrix(b), atol=1e-9)
-    assert np.allclose(
-        matrix(relative(np.array(a), np.array(b))), np.linalg.inv(matrix(a)) @ matrix(b), atol=1e-9
-    )
+    assert np.allclose(matrix(relative(np.array(a), np.array(b))), np.linalg.inv(matrix(a)) @ matrix(b), atol=1e-9)
 
 
 @given(POSES, POSES, POSES)
@@ -72,9 +70,7 @@ def test_subsets_counts_and_population_deviations():
 
 def test_relations_without_a_pose_are_missed():
     trajectory, relations = line([(0, 5), (100, 105), (200, 300)])
-    late = Relations(
-        relations.first, relations.second + np.array([100_000, 100_001, 100_001]), relations.poses
-    )
+    late = Relations(relations.first, relations.second + np.array([100_000, 100_001, 100_001]), relations.poses)
     score = score_relations(trajectory, late)
     assert (score["used"], score["missed"]) == (1, 2)
     assert (score["short"]["used"], score["short"]["missed"]) == (1, 1)
@@ -84,9 +80,7 @@ def test_relations_without_a_pose_are_missed():
 
 
 def test_the_nearest_pose_counts_not_the_first_within_reach():
-    trajectory = StampedPoses(
-        np.array([0, SECOND - 60_000, SECOND, SECOND + 60_000]), np.diag([0.0, 9, 1, 9])[:, 1:]
-    )
+    trajectory = StampedPoses(np.array([0, SECOND - 60_000, SECOND, SECOND + 60_000]), np.diag([0.0, 9, 1, 9])[:, 1:])
     trajectory.poses[2] = (1.0, 0.0, 0.0)
     score = score_relations(trajectory, Relations(np.array([0]), np.array([SECOND]), np.array([[1.0, 0, 0]])))
     assert score["trans_abs_mean_m"] == 0.0

@@ -54,9 +54,7 @@ def test_an_empty_subset_is_a_dash_and_a_null(evaluate, files):
     (files / "one").write_text("1.0 2.0 1 0 0 0 0 0\n")
     assert evaluate("relations", files / "est.tum", files / "one").splitlines()[3].split()[-1] == "-"
     assert (
-        json.loads(evaluate("relations", files / "est.tum", files / "one", "--json"))["long"][
-            "rot_abs_mean_deg"
-        ]
+        json.loads(evaluate("relations", files / "est.tum", files / "one", "--json"))["long"]["rot_abs_mean_deg"]
         is None
     )
 

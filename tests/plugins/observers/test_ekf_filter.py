@@ -25,9 +25,7 @@ def test_prediction_is_f_p_f_and_g_q_g(seed, yaw):
     mean, out = f.predict(pose, f.to_triangle(p), motion, f.to_triangle(q))
     by_pose, by_motion = compose_jacobians(pose, motion)
     np.testing.assert_allclose(mean, compose(pose, motion), atol=1e-12)
-    np.testing.assert_allclose(
-        f.to_matrix(out), by_pose @ p @ by_pose.T + by_motion @ q @ by_motion.T, atol=1e-12
-    )
+    np.testing.assert_allclose(f.to_matrix(out), by_pose @ p @ by_pose.T + by_motion @ q @ by_motion.T, atol=1e-12)
 
 
 def test_predicted_covariance_agrees_with_monte_carlo():

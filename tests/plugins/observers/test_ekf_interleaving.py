@@ -32,9 +32,7 @@ def scan(time, scan_id, stamp=None):
 
 def correction(time, pose, scan_id=-1, stamp=None, **more):
     stamp = time if stamp is None else stamp
-    return Pose(stamp=stamp, role="estimate", pose=np.array(pose, float), scan_id=scan_id, **more).sealed(
-        time, 0
-    )
+    return Pose(stamp=stamp, role="estimate", pose=np.array(pose, float), scan_id=scan_id, **more).sealed(time, 0)
 
 
 STEP = st.tuples(
@@ -60,14 +58,10 @@ def events(steps, with_odometry):
             pose = tuple(np.add(pose, rng.normal(0, [0.05, 0.05, 0.1])))
             more = {}
             if special:
-                more = (
-                    {"discontinuity": True} if seed % 4 == 0 else {"covariance": np.diag([2e-4, 1e-4, 3e-4])}
-                )
+                more = {"discontinuity": True} if seed % 4 == 0 else {"covariance": np.diag([2e-4, 1e-4, 3e-4])}
             out.append((odometry(time, pose, **more), 0))
         elif kind == "scan":
-            truth = (
-                np.array(pose) + rng.normal(0, 0.02, 3) if with_odometry else truth + rng.normal(0, 0.05, 3)
-            )
+            truth = np.array(pose) + rng.normal(0, 0.02, 3) if with_odometry else truth + rng.normal(0, 0.05, 3)
             # Stamps run backwards and are shared; the scan's number tells them apart.
             stamp = time - (seed % 3) * 40 * MS
             out.append((scan(time, i, stamp), 0))

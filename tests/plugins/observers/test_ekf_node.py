@@ -131,9 +131,7 @@ def test_replacing_and_correcting(make_ekf):
     for included in (True, False):
         ekf = make_ekf(start_sigma=(0.1, 0.1))
         ekf.on_odometry(odometry(0, [0, 0, 0]))
-        ekf.on_correction(
-            correction(0, [0.1, 0, 0], covariance=np.diag([0.01, 0.02, 0.03]), prior_included=included)
-        )
+        ekf.on_correction(correction(0, [0.1, 0, 0], covariance=np.diag([0.01, 0.02, 0.03]), prior_included=included))
         got = ekf.prior(0)
         if included:
             np.testing.assert_array_equal(got.pose, [0.1, 0, 0])

@@ -73,9 +73,7 @@ def test_summary_of_a_run(tmp_path):
     sink.on_message("log.odometry", Odometry(stamp=0, pose=np.zeros(3)).sealed(110 * S, 0))
     sink.on_message(
         "run.statistics",
-        statistics(
-            wall_s=0.5, startup_s=1.5, peak_rss_mb=99.0, nodes=NODES, counters={"log": {"malformed_lines": 2}}
-        ),
+        statistics(wall_s=0.5, startup_s=1.5, peak_rss_mb=99.0, nodes=NODES, counters={"log": {"malformed_lines": 2}}),
     )
     sink.close()
     assert read(tmp_path) == {

@@ -58,9 +58,7 @@ def test_stamps_have_the_digits_of_the_log():
 @given(st.floats(-20, 20))
 def test_quaternion_is_the_yaw(yaw):
     quaternion = [float(word) for word in line(0, 0.0, 0.0, yaw).split()[4:]]
-    assert Rotation.from_quat(quaternion).as_rotvec()[2] == pytest.approx(
-        math.remainder(yaw, math.tau), abs=1e-8
-    )
+    assert Rotation.from_quat(quaternion).as_rotvec()[2] == pytest.approx(math.remainder(yaw, math.tau), abs=1e-8)
     assert quaternion[3] >= 0
 
 

@@ -14,9 +14,7 @@ from knotwork.plugins.drivers.carmen import MANIFEST, CarmenConfig
 from knotwork.plugins.drivers.carmen.driver import CarmenDriver
 
 
-def flaser(
-    n=180, stamp="976052857.337284", ranges=None, sensor=(1.0, 2.0, 0.5), robot=None, keyword="FLASER"
-):
+def flaser(n=180, stamp="976052857.337284", ranges=None, sensor=(1.0, 2.0, 0.5), robot=None, keyword="FLASER"):
     ranges = ranges if ranges is not None else ["1.25"] * n
     poses = " ".join(f"{value:.6f}" for value in (*sensor, *(robot or sensor)))
     return f"{keyword} {len(ranges)} {' '.join(ranges)} {poses} {stamp} host 0.25"
@@ -278,9 +276,7 @@ def test_a_missing_file_is_a_driver_error(run_driver, tmp_path):
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
 def test_a_cut_packed_log_gives_what_was_read(read, pack):
     rng = np.random.default_rng(1)
-    text = "\n".join(
-        flaser(stamp=f"{i}.5", ranges=[f"{r:.2f}" for r in rng.uniform(1, 30, 180)]) for i in range(400)
-    )
+    text = "\n".join(flaser(stamp=f"{i}.5", ranges=[f"{r:.2f}" for r in rng.uniform(1, 30, 180)]) for i in range(400))
     packed = pack(text.encode())
     whole = scans(read(packed)[0])
     events, context = read(packed[: len(packed) // 2])

@@ -75,9 +75,7 @@ def test_rover_odometry_follows_a_circle(read):
 
 
 def test_an_encoder_reset_is_a_discontinuity(read):
-    events, _ = read(
-        "rover", "\n".join((rover(left=90000, right=90000), rover(), rover(left=100, right=100)))
-    )
+    events, _ = read("rover", "\n".join((rover(left=90000, right=90000), rover(), rover(left=100, right=100))))
     odometry = [message for port, message in events if port == "odometry"]
     assert [message.discontinuity for message in odometry] == [False, True, False]
     assert odometry[2].pose == pytest.approx((100 * math.tau * 0.077 / 2000, 0.0, 0.0))

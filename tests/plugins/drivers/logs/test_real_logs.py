@@ -148,9 +148,7 @@ def test_turtlebot_returns_lie_on_the_pillars_of_its_world(run_driver, log_data)
     truth = [message for port, message in events if port == "truth"]
     _, scans = split(events)
     assert {message.role for message in truth} == {"truth"}
-    assert (
-        [message.scan_id for message in truth] == [message.scan_id for message in scans] == list(range(618))
-    )
+    assert [message.scan_id for message in truth] == [message.scan_id for message in scans] == list(range(618))
     assert [message.stamp for message in scans] == [i * 200_000_000 for i in range(618)]
     walked, turned = path_and_turning(np.array([message.pose for message in truth]))
     assert (round(walked, 1), round(turned)) == (5.9, 8)

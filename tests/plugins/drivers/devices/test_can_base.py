@@ -1,0 +1,108 @@
+import math
+import uuid
+
+import pytest
+
+from knotwork.core.clock import epoch
+from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
+from knotwork.core.errors import DriverError
+from knotwork.core.geometry import relative
+from knotwork.core.messages import MotionControl
+
+
+@pytest.fixture
+def robot(rig):
+    channel = uuid.uuid4().hex
+    return rig.enter(AgilexBase(AgilexSettings(interface="virtual", channel=channel, world="arena", noise=False)))
+
+
+@pytest.fixture
+def probe(rig, robot):
+    return rig("can-base", interface="virtual", channel=robot._bus.channel_id)
+
+
+def moves(robot):
+    return lambda: min(map(abs, robot.robot.speeds)) > 0.05
+
+
+def stands(robot):
+    return lambda: robot.robot.speeds == (0.0, 0.0)
+
+
+def test_odometry_is_the_true_motion(robot, probe, rig):
+    probe.fresh("odometry")
+    start = robot.pose()
+    drive = rig.drive(probe, 0.4, 0.8)
+    probe.until(lambda: math.hypot(*relative(start, robot.pose())[:2]) > 0.4)
+    drive.__exit__()
+    probe.until(stands(robot))
+    odometry = probe.fresh("odometry", 5)
+    error = relative(relative(start, robot.pose()), tuple(odometry.pose))
+    assert math.hypot(*error[:2]) < 0.01  # the odometer counts millimetres
+    assert abs(error[2]) < 0.02
+    assert probe.last("battery").voltage == pytest.approx(25.6)
+
+
+def test_who_takes_the_remote_control_has_the_base_until_it_is_rearmed(robot, probe, rig):
+    rig.drive(probe, 0.3)
+    probe.until(moves(robot))
+    robot.remote = True
+    probe.until(lambda: probe.last("state").state == "fault")
+    assert "remote" in probe.last("state").reason
+    probe.rearm()
+    probe.until(lambda: any("cannot re-arm" in line for line in probe.lines))
+    robot.remote = False
+    probe.fresh("odometry", 20)
+    assert robot.robot.speeds == (0.0, 0.0)
+    probe.rearm()
+    probe.until(moves(robot))
+
+
+def test_the_emergency_button_is_seen(robot, probe, rig):
+    rig.drive(probe, 0.3)
+    probe.until(moves(robot))
+    robot.emergency = True
+    probe.until(lambda: "emergency stop button" in probe.last("state").reason)
+    robot.emergency = False
+    probe.fresh("odometry", 20)
+    assert robot.robot.speeds == (0.0, 0.0)
+
+
+def test_a_silent_base_is_waited_for(robot, probe, rig):
+    rig.drive(probe, 0.3)
+    probe.until(moves(robot))
+    robot.silent = True
+    probe.until(lambda: probe.counts.get("lost"))
+    probe.until(stands(robot))  # by its own watchdog
+    robot.silent = False
+    probe.until(lambda: probe.counts.get("reconnects"))
+    probe.until(lambda: any(o.discontinuity for o in probe.given["odometry"]))
+    probe.fresh("odometry", 10)
+    assert robot.robot.speeds == (0.0, 0.0)
+    probe.rearm()
+    probe.until(moves(robot))
+
+
+def test_a_base_that_falls_into_standby_is_a_fault(robot, probe, rig):
+    rig.drive(probe, 0.3)
+    probe.until(moves(robot))
+    probe.fresh("odometry", 20)  # the base has said that it listens
+    robot._can_mode = False
+    probe.until(lambda: probe.last("state").state == "fault")
+    assert "standby" in probe.last("state").reason
+    probe.rearm()
+    probe.until(moves(robot))
+
+
+def test_at_the_end_the_base_stands_in_standby(robot, probe, rig):
+    rig.drive(probe, 0.3)
+    probe.until(moves(robot))
+    probe.driver.on_control(MotionControl(stamp=epoch(), action="stop"))
+    probe.until(stands(robot))
+    probe.__exit__()
+    probe.until(lambda: not robot._can_mode)
+
+
+def test_a_bus_without_a_base_says_so(rig):
+    with pytest.raises(DriverError, match="no AgileX base"):
+        rig("can-base", interface="virtual", channel=uuid.uuid4().hex)
