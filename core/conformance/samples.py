@@ -76,6 +76,12 @@ _ORDINARY: dict[str, Callable[[Generator, int, int], m.Message]] = {
     "transform": lambda rng, n, t: m.Transform(stamp=t, parent="map", child="odom", pose=rng.normal(size=3)),
     "twist": lambda rng, n, t: m.Twist(stamp=t, vx=float(rng.uniform(-0.2, 0.2)), wz=float(rng.uniform(-1, 1))),
     "motion_control": lambda rng, n, t: m.MotionControl(stamp=t, action=("stop", "rearm")[n % 2]),
+    "camera_pose": lambda rng, n, t: m.CameraPose(
+        stamp=t, role="truth", position=rng.normal(size=3), rotation=np.eye(3)
+    ),
+    "servo_state": lambda rng, n, t: m.ServoState(
+        stamp=t, phase=n % 3 + 1, error=0.1, ids=np.arange(4), certainty=rng.uniform(size=4)
+    ),
     "motion_state": lambda rng, n, t: m.MotionState(
         stamp=t, state=("waiting", "ready", "fault", "emergency")[n % 4], reason="" if n % 4 == 1 else "a reason"
     ),
@@ -123,6 +129,8 @@ def extremes() -> Iterator[tuple[str, m.Message]]:
     yield "c.motion_control", m.MotionControl(stamp=5, action="stop")
     yield "c.motion_state", m.MotionState(stamp=5, state="fault", reason=text)
     yield "c.twist", m.Twist(stamp=5, vx=math.inf, vy=-math.inf, wz=math.nan)
+    yield "c.pose", m.CameraPose(stamp=6, role="estimate", position=nan3, rotation=np.full((3, 3), math.nan))
+    yield "c.servo", m.ServoState(stamp=6, phase=0, error=math.nan, ids=np.empty(0, np.int64), certainty=empty)
     yield "c.camera", m.CameraTwist(stamp=6, v=nan3, w=np.array([1e308, -0.0, 5e-324]))
     yield "c.imu", m.Imu(stamp=7, angular_velocity=nan3, linear_acceleration=nan3, orientation_wxyz=np.zeros(4))
     yield "c.wheels", m.Wheels(stamp=8, angle=empty, velocity=empty, discontinuity=True)
