@@ -37,7 +37,7 @@ def pipeline(clock="auto", inputs=None, uses=None, **nodes):
     specs = {
         name: NodeSpec(
             name, "toy", m, PluginConfig(), None, uses.get(name, {}),
-            {port: (w,) if isinstance(w, str) else tuple(w) for port, w in inputs.get(name, {}).items()}, None, False,
+            {port: (w,) if isinstance(w, str) else tuple(w) for port, w in inputs.get(name, {}).items()}, None,
         )
         for name, m in nodes.items()
     }  # fmt: skip

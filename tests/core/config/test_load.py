@@ -133,7 +133,7 @@ TEXT = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size
     ["${a}", "$${a}", "$", "${", "010", "on", "1e5", "null", "a: b", "#"]
 )
 RIGS = st.fixed_dictionaries(
-    {"plugin": st.just("rig"), "worker": st.booleans()},
+    {"plugin": st.just("rig")},
     optional={
         "token": TEXT,
         "folder": TEXT.filter(lambda text: "\0" not in text),
