@@ -1,6 +1,6 @@
 """The config keys that all depth observers share; imports neither NumPy nor the kernels."""
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
 from knotwork.core.manifest import PluginConfig, Port, quantity
 
@@ -17,7 +17,7 @@ class DepthObserverConfig(PluginConfig):
     offset: float = quantity(
         0.0, "m", "with odometry: how far the camera is ahead of the base's centre, looking forward"
     )
-    ignore: tuple[int, ...] = Field((), description="ids of features to leave out")
+    ignore: tuple[int, ...] = quantity((), "1", "ids of features to leave out")
 
     @field_validator("guess")
     @classmethod

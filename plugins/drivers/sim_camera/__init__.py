@@ -12,7 +12,7 @@ Twist6 = tuple[float, float, float, float, float, float]
 class Hidden(PluginConfig):
     """Points that something hides for a while."""
 
-    ids: tuple[int, ...] = Field(..., description="which points")
+    ids: tuple[int, ...] = quantity(..., "1", "which points, by their ids")
     start: float = quantity(..., "s", "time of the run", ge=0)
     end: float = quantity(..., "s", "time of the run", gt=0)
 

@@ -23,7 +23,7 @@ class Config(PluginConfig):
     )
     tolerance: float = quantity(0.005, "1", "image error per coordinate (RMS) at which the base stops", gt=0)
     timeout: float = quantity(0.5, "s", "without depths for so long, the base stops", gt=0)
-    needed: int = Field(2, description="fewest features from which the goal pose is computed", ge=2)
+    needed: int = quantity(2, "1", "fewest features from which the goal pose is computed", ge=2)
 
 
 MANIFEST = Manifest(

@@ -10,7 +10,7 @@ from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 class Config(PluginConfig):
     """Goal (a point of the image, or a circle in it), variant, bounds."""
 
-    feature: int = Field(0, description="id of the feature")
+    feature: int = quantity(0, "1", "id of the feature")
     goal: tuple[float, float] = quantity(
         (0.0, 0.0), "1", "where it shall be seen, in normalised image coordinates; the centre of the circle"
     )
