@@ -1,7 +1,5 @@
 """A wheeled base backs up until its camera knows the depths, then drives to a goal view."""
 
-from pydantic import Field
-
 from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 
 
