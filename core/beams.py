@@ -122,20 +122,25 @@ def fill_normals(points: Array) -> None:
     for k in range(n):
         px = points[k, 0]
         py = points[k, 1]
-        a = (k - 1) % n
-        b = (k + 1) % n
-        spacing = min(
-            math.hypot(points[a, 0] - px, points[a, 1] - py), math.hypot(points[b, 0] - px, points[b, 1] - py)
+        a = k - 1 if k > 0 else n - 1
+        b = k + 1 if k < n - 1 else 0
+        spacing2 = min(
+            (points[a, 0] - px) ** 2 + (points[a, 1] - py) ** 2, (points[b, 0] - px) ** 2 + (points[b, 1] - py) ** 2
         )
-        reach = min(max(_REACH[0], _STRETCH * spacing), _REACH[1])
+        reach2 = min(max(_REACH[0] * _REACH[0], _STRETCH * _STRETCH * spacing2), _REACH[1] * _REACH[1])
         count = 1
         sx = sy = sxx = sxy = syy = 0.0
         for side in (-1, 1):
-            for step in range(1, _NEIGHBOURS + 1):
-                m = (k + side * step) % n
+            m = k
+            for _ in range(_NEIGHBOURS):
+                m += side
+                if m < 0:
+                    m += n
+                elif m >= n:
+                    m -= n
                 dx = points[m, 0] - px
                 dy = points[m, 1] - py
-                if dx * dx + dy * dy > reach * reach:
+                if dx * dx + dy * dy > reach2:
                     break
                 count += 1
                 sx += dx
@@ -151,8 +156,14 @@ def fill_normals(points: Array) -> None:
         sxy -= sx * sy / count
         syy -= sy * sy / count
         mean = 0.5 * (sxx + syy)
-        half = math.sqrt(0.25 * (sxx - syy) ** 2 + sxy * sxy)
+        d = 0.5 * (sxx - syy)
+        half = math.sqrt(d * d + sxy * sxy)
         if mean - half < _FLAT * (mean + half):
-            along = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
-            points[k, 2] = -math.sin(along)
-            points[k, 3] = math.cos(along)
+            # the eigenvector of the smaller eigenvalue, from whichever row is the longer
+            if d > 0.0:
+                nx, ny = -sxy, half + d
+            else:
+                nx, ny = half - d, -sxy
+            per = 1.0 / math.sqrt(nx * nx + ny * ny)
+            points[k, 2] = nx * per
+            points[k, 3] = ny * per

@@ -17,7 +17,7 @@ class GaussNewtonConfig(PluginConfig):
     iterations: int = quantity(12, "1", "most steps at each level", ge=1)
     tolerance: float = quantity(1e-3, "1", "a step that lowers the cost by a smaller share is the last", gt=0)
     settle: tuple[float, float] = quantity((2e-4, 5e-5), "m, rad", "a step smaller than both is the last at its level")
-    damping: float = quantity(1e-3, "1", "first damping: share added to the diagonal of H", gt=0)
+    damping: float = quantity(0.5, "1", "first damping of a level: share added to the diagonal of H", gt=0)
     deskew: bool = Field(True, description="move beams to the scan's stamp by the prior's motion")
 
     inflation: float = quantity(

@@ -64,13 +64,13 @@ def descend(
     assert solution is not None
     if len(starts) > 1:
         alignment = chart.alignment(scan, solution.pose, twist)
-    both = np.empty((2, 3))
-    both[1] = prior
     for level in range(1, alignment.levels):
-        both[0] = solution.pose
-        here, there = alignment.costs(both, level, loss, scale).tolist()
-        start = prior if there < here + prior_cost(solution.pose, prior, information) else solution.pose
-        solution = solve(alignment, level, start, prior, information, settings)
+        here = alignment.normal_equations(solution.pose, level, loss, scale)
+        there = alignment.costs(prior[None], level, loss, scale)[0]
+        if there < here.cost + prior_cost(solution.pose, prior, information):
+            solution = solve(alignment, level, prior, prior, information, settings)
+        else:
+            solution = solve(alignment, level, solution.pose, prior, information, settings, here)
     x, y, yaw = solution.pose.tolist()
     return Found(np.array([x, y, wrap(yaw)]), solution.equations, alignment)
 

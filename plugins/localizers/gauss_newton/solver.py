@@ -16,6 +16,9 @@ from knotwork.core.messages import F64
 
 Array = NDArray[Any]
 
+_SHORTER, _LONGER = 0.1, 3.0  # how much shorter or longer than the last a step may be
+_COARSE = 4.0  # how much earlier a level stops that is not the finest
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -62,8 +65,8 @@ def prior_cost(pose: Array, prior: Array, information: Array) -> float:
 @kernel
 def propose(
     pose: Array, H: Array, g: Array, prior: Array, information: Array, damping: float, out: Array
-) -> tuple[float, float, float]:
-    """Write the damped step's pose to `out`; return the step's length [m], turn [rad] and prior's cost there.
+) -> tuple[float, float, float, float]:
+    """Write the damped step's pose to `out`; return its length [m], turn [rad], the prior's cost there, the slope.
 
     Solves (A + damping diag(A)) d = -(g + I (pose - prior)), A = H + I, by Cholesky.
     """
@@ -90,33 +93,51 @@ def propose(
     out[0] = pose[0] + d0
     out[1] = pose[1] + d1
     out[2] = pose[2] + d2
-    return math.sqrt(d0 * d0 + d1 * d1), abs(d2), prior_cost(out, prior, information)
+    slope = -2.0 * (b0 * d0 + b1 * d1 + b2 * d2)
+    return math.sqrt(d0 * d0 + d1 * d1), abs(d2), prior_cost(out, prior, information), slope
 
 
-def solve(alignment: Alignment, level: int, start: F64, prior: F64, information: F64, settings: Settings) -> Solution:
-    """Return the minimum near `start` (3,); the cost never rises from step to step."""
+def solve(
+    alignment: Alignment,
+    level: int,
+    start: F64,
+    prior: F64,
+    information: F64,
+    settings: Settings,
+    equations: NormalEquations | None = None,
+) -> Solution:
+    """Return the minimum near `start` (3,), where `equations` may be known; the cost never rises from step to step.
+
+    Near the ridge of a wall a residual is large and its gradient small: a Gauss-Newton step is far too long
+    there. The curvature that a step meets, taken or not, sets the damping of the next.
+    """
     loss, scale = settings.loss, settings.scale
     settle_t, settle_r = settings.settle
+    tolerance, damping = settings.tolerance, settings.damping
+    if level < alignment.levels - 1:  # the next level takes it further
+        settle_t, settle_r, tolerance = _COARSE * settle_t, _COARSE * settle_r, _COARSE * tolerance
     pose = start
-    equations = alignment.normal_equations(pose, level, loss, scale)
+    if equations is None:
+        equations = alignment.normal_equations(pose, level, loss, scale)
     cost = equations.cost + prior_cost(pose, prior, information)
     costs = [cost]
-    damping = settings.damping
     for _ in range(settings.iterations):
         candidate = np.empty(3)
-        moved, turned, prior_share = propose(pose, equations.H, equations.g, prior, information, damping, candidate)
+        moved, turned, prior_share, slope = propose(
+            pose, equations.H, equations.g, prior, information, damping, candidate
+        )
         tried = alignment.normal_equations(candidate, level, loss, scale)
         new = tried.cost + prior_share
         small = moved < settle_t and turned < settle_r
+        curvature = new - cost - slope  # twice: the parabola through both costs has its minimum at share
+        share = -0.5 * slope / curvature if curvature > 0.0 else _LONGER
+        damping = max((1.0 + damping) / min(max(share, _SHORTER), _LONGER) - 1.0, 0.0)
         if new < cost:
-            done = small or cost - new < settings.tolerance * cost
+            done = small or cost - new < tolerance * cost
             pose, cost, equations = candidate, new, tried
             costs.append(cost)
-            damping *= 0.2
             if done:
                 break
         elif small:
             break
-        else:
-            damping = max(8.0 * damping, 1e-2)
     return Solution(pose, cost, equations, tuple(costs))

@@ -183,16 +183,28 @@ def posterior_in_map(
         out[:] = moved
         return
     around /= count
-    total = H + information
+    C = np.empty((3, 3))
+    _invert(H, information, 0.0, C)
+    K = _product(C, H)
+    M = _product(K, _root(around))
+    L = _root(moved)
+    M += L - _product(K, L)
     for i in range(3):
-        total[i, i] += 1e-9
-    C = np.linalg.inv(total)
-    K = C @ H
-    M = (np.eye(3) - K) @ _root(moved) + K @ _root(around)
-    out[:] = M @ M.T + inflation * (K @ C)
+        for j in range(i + 1):
+            v = 0.0
+            for k in range(3):
+                v += M[i, k] * M[j, k] + 0.5 * inflation * (K[i, k] * C[k, j] + K[j, k] * C[k, i])
+            out[i, j] = out[j, i] = v
+
+
+@inlined
+def _product(A: Array, B: Array) -> Array:
+    """Return A B, both (3, 3)."""
+    out = np.empty((3, 3))
     for i in range(3):
-        for j in range(i):
-            out[i, j] = out[j, i] = 0.5 * (out[i, j] + out[j, i])
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+    return out
 
 
 @inlined
