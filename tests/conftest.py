@@ -2,6 +2,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# A busy machine is slow, not wrong: no example has a time limit.
+settings.register_profile("knotwork", deadline=None)
+settings.load_profile("knotwork")
 
 ROOT = Path(__file__).parent.parent
 
