@@ -152,6 +152,10 @@ class TestSplineSurface(MapSuite):
     options = {"normals": False}  # so that g is the whole gradient of the cost
 
 
+class TestSplineCurve(MapSuite):
+    plugin = "spline-curve"
+
+
 class TestGaussNewton(LocalizerSuite):
     plugin = "gauss-newton"
 

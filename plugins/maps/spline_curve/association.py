@@ -1,0 +1,136 @@
+"""Data association: which stretch of which cluster lies on which curve, and with what offset."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotwork.core.kernel import kernel
+from knotwork.core.messages import F64
+from knotwork.plugins.maps.spline_curve.lookup import Lookup, candidates
+from knotwork.plugins.maps.spline_curve.piece import foot, place
+from knotwork.plugins.maps.spline_curve.segmentation import Clusters
+from knotwork.plugins.maps.spline_curve.store import CurveStore
+
+Array = NDArray[Any]
+
+_LEAST = 5  # points of a run
+_SKIP = 3  # points in a row that may be missing inside a run
+_FORWARD = 0.5  # cosine of the largest angle between a cluster and its curve
+
+
+@dataclass(frozen=True, slots=True)
+class Association:
+    """Runs: stretches of clusters that lie on one curve, at the pose where they were looked up.
+
+    Attributes
+    ----------
+    run : int32, shape (m,)
+        Of each clustered point: its run; -1 where no curve is known, -2 where a curve says that nothing is.
+    feet : shape (m,)
+        Parameter of the nearest curve point [knot intervals], for points of a run.
+    runs : shape (r, 5)
+        First point, last point + 1, curve, offset from the cluster's length to the curve's parameter
+        [knot intervals], cluster.
+    """
+
+    run: NDArray[np.int32]
+    feet: F64
+    runs: F64
+
+    @property
+    def used(self) -> int:
+        """Points that met the map: on a curve, or where a curve says that nothing is."""
+        return int(np.count_nonzero(self.run != -1))
+
+
+def associate(store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, gate: float) -> Association:
+    """Look up the points of `clusters`, taken at robot `pose` (3,); `gate` [m] is the largest distance."""
+    m = len(clusters.points)
+    run, feet = np.empty(m, np.int32), np.empty(m)
+    runs = np.empty((m // _LEAST + 1, 5))
+    count = find_runs(
+        store.control, store.table, store.step, lookup.cells, lookup.x0, lookup.y0, lookup.cell, lookup.samples,
+        clusters.points, clusters.chord, clusters.starts, pose, gate, run, feet, runs,
+    )  # fmt: skip
+    return Association(run, feet, runs[:count])
+
+
+@kernel
+def find_runs(
+    control: Array, table: Array, step: float, cells: Array, x0: float, y0: float, cell: float, samples: Array,
+    points: Array, chord: Array, starts: Array, pose: Array, gate: float, run: Array, feet: Array, runs: Array,
+) -> int:  # fmt: skip
+    """Fill `run`, `feet`, `runs`; return the number of runs."""
+    c = math.cos(pose[2])
+    s = math.sin(pose[2])
+    m = points.shape[0]
+    curve = np.empty(m, np.int64)
+    for i in range(m):
+        x = pose[0] + c * points[i, 0] - s * points[i, 1]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1]
+        tx = c * points[i, 2] - s * points[i, 3]
+        ty = s * points[i, 2] + c * points[i, 3]
+        found = -1
+        nearest = math.inf
+        front = False
+        for sample in candidates(cells, x0, y0, cell, x, y, tx, ty):
+            if sample < 0:
+                continue
+            number = int(samples[sample, 2])
+            start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+            q, signed, beyond = foot(control, start, count, first, samples[sample, 3], x, y)
+            distance = abs(signed)
+            if beyond > 0.25 * step or distance >= nearest:
+                continue
+            if distance > gate:
+                front = front or signed < 0.0
+                continue
+            _, _, dx, dy, _, _ = place(control, start, count, first, q)
+            if dx * tx + dy * ty < _FORWARD * math.hypot(dx, dy):
+                continue
+            found = number
+            nearest = distance
+            feet[i] = q
+        curve[i] = found
+        run[i] = -2 if front and found < 0 else -1
+    jump = 2.0 * gate / step + 1.0
+    total = 0
+    for k in range(starts.shape[0] - 1):
+        i = starts[k]
+        while i < starts[k + 1]:
+            if curve[i] < 0:
+                i += 1
+                continue
+            first_point = i
+            last = i
+            count = 1
+            offset = feet[i] - chord[i] / step
+            sum_offset = offset
+            j = i + 1
+            while j < starts[k + 1] and j - last <= _SKIP + 1:
+                if curve[j] == curve[i]:
+                    here = feet[j] - chord[j] / step
+                    if abs(here - offset) > jump:
+                        break
+                    offset = here
+                    sum_offset += here
+                    count += 1
+                    last = j
+                elif curve[j] >= 0 and j + 1 < starts[k + 1] and curve[j + 1] == curve[j]:
+                    break
+                j += 1
+            if count >= _LEAST:
+                for n in range(first_point, last + 1):
+                    if curve[n] == curve[i]:
+                        run[n] = total
+                runs[total, 0] = first_point
+                runs[total, 1] = last + 1
+                runs[total, 2] = curve[i]
+                runs[total, 3] = sum_offset / count
+                runs[total, 4] = k
+                total += 1
+            i = last + 1
+    return total

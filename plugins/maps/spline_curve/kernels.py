@@ -1,0 +1,206 @@
+"""The cost of a scan against associated curves: offsets solved inside, normal equations, residuals (6.17 to 6.19).
+
+A point of run j at length l of its cluster is compared with the curve's point at l + o_j. The difference is
+taken across and along the curve there, each over its own standard deviation. The offset o_j is the one of
+least cost at the pose, so the pose's normal equations are what remains of (6.17) when the offsets are
+eliminated. Points on no curve cost what a point at the gate does.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotwork.core.kernel import inlined, kernel
+from knotwork.core.robust import loss_terms
+from knotwork.plugins.maps.spline_curve.piece import place
+
+Array = NDArray[Any]
+
+_ITERATIONS = 40
+_SETTLED = 1e-7  # knot intervals
+
+Row = tuple[float, float, float, float, float, float, float, float]
+
+
+@inlined
+def _row(
+    control: Array, start: int, count: int, first: int, q: float, x: float, y: float, across: float, along: float
+) -> Row:
+    """Return both residuals of a point, their gradients with respect to the point, and to the offset."""
+    px, py, dx, dy, ex, ey = place(control, start, count, first, q)
+    speed2 = dx * dx + dy * dy + 1e-12
+    speed = math.sqrt(speed2)
+    tx = dx / speed
+    ty = dy / speed
+    bend = (dx * ey - dy * ex) / speed2  # turning of the tangent per unit of q
+    a = ((x - px) * ty - (y - py) * tx) * across
+    b = ((x - px) * tx + (y - py) * ty) * along
+    da = bend * b * (across / along)
+    db = -bend * a * (along / across) - speed * along
+    return a, b, ty * across, -tx * across, tx * along, ty * along, da, db
+
+
+@kernel
+def offset_of(
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, j: int,
+    pose: Array, across: float, along: float, loss: int, scale: float,
+) -> float:  # fmt: skip
+    """Return the offset of run `j` of least cost at `pose` [knot intervals], near the run's own."""
+    c = math.cos(pose[2])
+    s = math.sin(pose[2])
+    number = int(runs[j, 2])
+    start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+    o = runs[j, 3]
+    for _ in range(_ITERATIONS):
+        h = g = 0.0
+        for i in range(int(runs[j, 0]), int(runs[j, 1])):
+            if run[i] != j:
+                continue
+            x = pose[0] + c * points[i, 0] - s * points[i, 1]
+            y = pose[1] + s * points[i, 0] + c * points[i, 1]
+            a, b, _, _, _, _, da, db = _row(
+                control, start, count, first, chord[i] / step + o, x, y, across, along
+            )  # fmt: skip
+            w = loss_terms(loss, a * a + b * b, scale)[1]
+            h += w * (da * da + db * db)
+            g += w * (da * a + db * b)
+        if h <= 0.0:
+            break
+        d = min(max(-g / h, -1.0), 1.0)
+        o += d
+        if abs(d) < _SETTLED:
+            break
+    return o
+
+
+@kernel
+def normal_equations(
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, pose: Array,
+    across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float, out: Array,
+) -> float:  # fmt: skip
+    """Fill `out` (4, 3): rows of H, then g; return the cost. `missing` is the residual of a point on no curve."""
+    c = math.cos(pose[2])
+    s = math.sin(pose[2])
+    H = np.zeros((3, 3))
+    g = np.zeros(3)
+    ja, jb = np.empty(3), np.empty(3)
+    cross = np.empty(3)
+    cost = 0.0
+    used = 0
+    for j in range(runs.shape[0]):
+        o = offset_of(
+            control, table, step, points, chord, run, runs, j, pose, across, along, loss, scale
+        )  # fmt: skip
+        number = int(runs[j, 2])
+        start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+        hoo = go = 0.0
+        cross[:] = 0.0
+        for i in range(int(runs[j, 0]), int(runs[j, 1])):
+            if run[i] != j:
+                continue
+            rx = c * points[i, 0] - s * points[i, 1]
+            ry = s * points[i, 0] + c * points[i, 1]
+            a, b, ja[0], ja[1], jb[0], jb[1], da, db = _row(
+                control, start, count, first, chord[i] / step + o, pose[0] + rx, pose[1] + ry, across, along
+            )  # fmt: skip
+            rho, w = loss_terms(loss, a * a + b * b, scale)
+            cost += rho
+            used += 1
+            ja[2] = rx * ja[1] - ry * ja[0]
+            jb[2] = rx * jb[1] - ry * jb[0]
+            hoo += w * (da * da + db * db)
+            go += w * (da * a + db * b)
+            for k in range(3):
+                cross[k] += w * (ja[k] * da + jb[k] * db)
+                g[k] += w * (ja[k] * a + jb[k] * b)
+                for m in range(k + 1):
+                    H[k, m] += w * (ja[k] * ja[m] + jb[k] * jb[m])
+        if hoo > 0.0:
+            for k in range(3):
+                g[k] -= cross[k] * go / hoo
+                for m in range(k + 1):
+                    H[k, m] -= cross[k] * cross[m] / hoo
+    for k in range(3):
+        out[3, k] = weight * g[k]
+        for m in range(k + 1):
+            out[k, m] = out[m, k] = weight * H[k, m]
+    return weight * (cost + (n - used) * loss_terms(loss, missing * missing, scale)[0])
+
+
+@kernel
+def cost_of(
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, pose: Array,
+    across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float,
+) -> float:  # fmt: skip
+    """Return the cost at `pose`."""
+    c = math.cos(pose[2])
+    s = math.sin(pose[2])
+    cost = 0.0
+    used = 0
+    for j in range(runs.shape[0]):
+        o = offset_of(
+            control, table, step, points, chord, run, runs, j, pose, across, along, loss, scale
+        )  # fmt: skip
+        number = int(runs[j, 2])
+        start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+        for i in range(int(runs[j, 0]), int(runs[j, 1])):
+            if run[i] != j:
+                continue
+            x = pose[0] + c * points[i, 0] - s * points[i, 1]
+            y = pose[1] + s * points[i, 0] + c * points[i, 1]
+            a, b, _, _, _, _, _, _ = _row(
+                control, start, count, first, chord[i] / step + o, x, y, across, along
+            )  # fmt: skip
+            cost += loss_terms(loss, a * a + b * b, scale)[0]
+            used += 1
+    return weight * (cost + (n - used) * loss_terms(loss, missing * missing, scale)[0])
+
+
+@kernel
+def jacobian(
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, pose: Array,
+    across: float, along: float, missing: float, weight: float, residuals: Array, rows: Array,
+) -> None:  # fmt: skip
+    """Fill whitened residuals (2 n,), across and along for each point, and their Jacobian (2 n, 3)."""
+    c = math.cos(pose[2])
+    s = math.sin(pose[2])
+    factor = math.sqrt(weight)
+    for i in range(residuals.shape[0] // 2):
+        residuals[2 * i] = factor * missing
+        residuals[2 * i + 1] = 0.0
+    rows[:] = 0.0
+    da = np.empty(residuals.shape[0])
+    cross = np.empty(3)
+    for j in range(runs.shape[0]):
+        o = offset_of(control, table, step, points, chord, run, runs, j, pose, across, along, 0, 1.0)
+        number = int(runs[j, 2])
+        start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+        hoo = 0.0
+        cross[:] = 0.0
+        for i in range(int(runs[j, 0]), int(runs[j, 1])):
+            if run[i] != j:
+                continue
+            rx = c * points[i, 0] - s * points[i, 1]
+            ry = s * points[i, 0] + c * points[i, 1]
+            a, b, ax, ay, bx, by, dao, dbo = _row(
+                control, start, count, first, chord[i] / step + o, pose[0] + rx, pose[1] + ry, across, along
+            )  # fmt: skip
+            residuals[2 * i] = factor * a
+            residuals[2 * i + 1] = factor * b
+            for row, jx, jy, d in ((2 * i, ax, ay, dao), (2 * i + 1, bx, by, dbo)):
+                rows[row, 0] = jx
+                rows[row, 1] = jy
+                rows[row, 2] = rx * jy - ry * jx
+                da[row] = d
+                hoo += d * d
+                for k in range(3):
+                    cross[k] += d * rows[row, k]
+        if hoo <= 0.0:
+            continue
+        for i in range(int(runs[j, 0]), int(runs[j, 1])):
+            if run[i] == j:
+                for row in (2 * i, 2 * i + 1):
+                    for k in range(3):
+                        rows[row, k] = factor * (rows[row, k] - da[row] * cross[k] / hoo)
