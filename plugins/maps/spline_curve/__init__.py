@@ -1,5 +1,7 @@
 """Map of uniform cubic B-spline curves, one for each stretch of obstacle and level (thesis chapter 6)."""
 
+from pydantic import Field
+
 from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 from knotwork.core.map_config import MapConfig
 
@@ -20,6 +22,7 @@ class SplineCurveOptions(PluginConfig):
     )
     gap: float = quantity(0.7, "knot intervals", "a wider gap ends a cluster", gt=0)
     gap_least: float = quantity(0.2, "m", "but not a gap up to this, however fine the knots", ge=0)
+    gap_line: float = quantity(1.0, "m", "nor a gap up to this whose ends lie on one line: a wall seen aslant", ge=0)
     points: int = quantity(8, "points", "a smaller cluster is not made a curve", ge=4)
     gate: float = quantity(0.5, "m", "a point farther from every curve is not aligned", gt=0)
     fuse_gate: float = quantity(
@@ -27,7 +30,15 @@ class SplineCurveOptions(PluginConfig):
     )
     sigma: float = quantity(0.03, "m", "standard deviation of a good beam across the curve it hit", gt=0)
     sigma_along: float = quantity(
-        0.2, "m", "and along it, where the offset of the whole cluster leaves a difference", gt=0
+        0.0,
+        "m",
+        "and along it, of what the offset of a whole cluster leaves, as the thesis; 0: an offset for each point",
+        ge=0,
+    )
+    missing: float = quantity(0.2, "m", "a point on no curve costs what one this far off would", gt=0)
+    normals: bool = Field(
+        default=True,
+        description="a beam says how far across the surface it hit only; false: across the curve, noise and all",
     )
     beams: float = quantity(
         180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0

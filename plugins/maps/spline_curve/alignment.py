@@ -14,7 +14,7 @@ from knotwork.plugins.maps.spline_curve.lookup import LookupCache
 from knotwork.plugins.maps.spline_curve.segmentation import Clusters
 from knotwork.plugins.maps.spline_curve.store import CurveStore
 
-_NODES = np.array([0.1, 0.1, 0.05])  # m, m, rad: curves are looked up at the nearest node of a lattice of poses
+_NODES = np.array([0.2, 0.2, 0.1])  # m, m, rad: curves are looked up at the nearest node of a lattice of poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +69,7 @@ class CurveAlignment(Alignment):
         self._lookups = lookups
         self._guess = np.array(guess, np.float64)
         self._options = options
+        self._along = 1.0 / options.sigma_along if options.sigma_along else 0.0
         self._n = len(beams.points)
         self._weight = min(1.0, options.beams / self._n) if self._n else 1.0
         self._found: dict[tuple[int, int, int, int, int], Association] = {}
@@ -97,8 +98,8 @@ class CurveAlignment(Alignment):
         found = self._at(pose, level)
         out = np.empty((4, 3))
         cost = kernels.normal_equations(
-            store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.runs, pose,
-            1.0 / options.sigma, 1.0 / options.sigma_along, options.gate / options.sigma, self._n, self._weight,
+            store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
+            pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
             CODES[loss], scale, out,
         )  # fmt: skip
         return NormalEquations(out[:3], out[3], cost, found.used, self._n)
@@ -112,8 +113,8 @@ class CurveAlignment(Alignment):
         for k, pose in enumerate(poses):
             found = self._at(pose, level)
             out[k] = kernels.cost_of(
-                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.runs, pose,
-                1.0 / options.sigma, 1.0 / options.sigma_along, options.gate / options.sigma, self._n, self._weight,
+                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
+                pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
                 CODES[loss], scale,
             )  # fmt: skip
         return out
@@ -133,8 +134,8 @@ class CurveAlignment(Alignment):
         found = self._at(pose, level)
         residuals, rows = np.empty(2 * self._n), np.empty((2 * self._n, 3))
         kernels.jacobian(
-            store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.runs, pose,
-            1.0 / options.sigma, 1.0 / options.sigma_along, options.gate / options.sigma, self._weight,
+            store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
+            pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._weight,
             residuals, rows,
         )  # fmt: skip
         return residuals, rows
@@ -153,8 +154,8 @@ class CurveAlignment(Alignment):
         out = []
         for j, (begin, end, curve, _, cluster) in enumerate(found.runs):
             offset = kernels.offset_of(
-                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.runs, j,
-                pose, 1.0 / options.sigma, 1.0 / options.sigma_along, 0, 1.0,
+                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
+                j, pose, 1.0 / options.sigma, self._along or 0.1 / options.sigma, 0, 1.0,
             )  # fmt: skip
             length = clusters.chord[int(end) - 1] - clusters.chord[int(begin)]
             out.append(Track(int(cluster), int(curve), float(offset * store.step), float(length)))

@@ -3,7 +3,8 @@
 A point of run j at length l of its cluster is compared with the curve's point at l + o_j. The difference is
 taken across and along the curve there, each over its own standard deviation. The offset o_j is the one of
 least cost at the pose, so the pose's normal equations are what remains of (6.17) when the offsets are
-eliminated. Points on no curve cost what a point at the gate does.
+eliminated. With `along` 0 each point has an offset of its own, the one that takes it to the nearest place:
+the difference across is left. Points on no curve cost what a point at the gate does.
 """
 
 import math
@@ -18,8 +19,9 @@ from knotwork.plugins.maps.spline_curve.piece import place
 
 Array = NDArray[Any]
 
-_ITERATIONS = 40
-_SETTLED = 1e-7  # knot intervals
+_ITERATIONS = 12
+_SETTLED = 1e-5  # knot intervals
+_FOOT = 4  # steps to the nearest place
 
 Row = tuple[float, float, float, float, float, float, float, float]
 
@@ -34,6 +36,8 @@ def _row(
     speed = math.sqrt(speed2)
     tx = dx / speed
     ty = dy / speed
+    if along == 0.0:
+        return ((x - px) * ty - (y - py) * tx) * across, 0.0, ty * across, -tx * across, 0.0, 0.0, 0.0, 0.0
     bend = (dx * ey - dy * ex) / speed2  # turning of the tangent per unit of q
     a = ((x - px) * ty - (y - py) * tx) * across
     b = ((x - px) * tx + (y - py) * ty) * along
@@ -42,17 +46,44 @@ def _row(
     return a, b, ty * across, -tx * across, tx * along, ty * along, da, db
 
 
+@inlined
+def _across(points: Array, i: int, c: float, s: float, gx: float, gy: float) -> tuple[float, float]:
+    """Return the part of a gradient across the surface that the beams around point `i` hit; all where they see none."""
+    if points[i, 4] == 0.0 and points[i, 5] == 0.0:
+        return gx, gy
+    nx = c * points[i, 4] - s * points[i, 5]
+    ny = s * points[i, 4] + c * points[i, 5]
+    g = gx * nx + gy * ny
+    return g * nx, g * ny
+
+
+@inlined
+def _parameter(
+    control: Array, start: int, count: int, first: int, shifted: float, near: float, x: float, y: float, along: float
+) -> float:
+    """Return where on its curve a point is compared: `shifted`, or nearest to it, from `near`, if `along` is 0."""
+    if along > 0.0:
+        return shifted
+    q = near
+    for _ in range(_FOOT):
+        px, py, dx, dy, _, _ = place(control, start, count, first, q)
+        q += min(max(((x - px) * dx + (y - py) * dy) / (dx * dx + dy * dy + 1e-12), -0.5), 0.5)
+    return q
+
+
 @kernel
 def offset_of(
-    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, j: int,
-    pose: Array, across: float, along: float, loss: int, scale: float,
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
+    runs: Array, j: int, pose: Array, across: float, along: float, loss: int, scale: float,
 ) -> float:  # fmt: skip
     """Return the offset of run `j` of least cost at `pose` [knot intervals], near the run's own."""
     c = math.cos(pose[2])
     s = math.sin(pose[2])
     number = int(runs[j, 2])
     start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
-    o = runs[j, 3]
+    o: float = runs[j, 3]
+    if along == 0.0:
+        return o
     for _ in range(_ITERATIONS):
         h = g = 0.0
         for i in range(int(runs[j, 0]), int(runs[j, 1])):
@@ -60,8 +91,9 @@ def offset_of(
                 continue
             x = pose[0] + c * points[i, 0] - s * points[i, 1]
             y = pose[1] + s * points[i, 0] + c * points[i, 1]
+            q = _parameter(control, start, count, first, chord[i] / step + o, feet[i], x, y, along)
             a, b, _, _, _, _, da, db = _row(
-                control, start, count, first, chord[i] / step + o, x, y, across, along
+                control, start, count, first, q, x, y, across, along
             )  # fmt: skip
             w = loss_terms(loss, a * a + b * b, scale)[1]
             h += w * (da * da + db * db)
@@ -77,8 +109,8 @@ def offset_of(
 
 @kernel
 def normal_equations(
-    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, pose: Array,
-    across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float, out: Array,
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
+    runs: Array, pose: Array, across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float, out: Array,
 ) -> float:  # fmt: skip
     """Fill `out` (4, 3): rows of H, then g; return the cost. `missing` is the residual of a point on no curve."""
     c = math.cos(pose[2])
@@ -91,7 +123,7 @@ def normal_equations(
     used = 0
     for j in range(runs.shape[0]):
         o = offset_of(
-            control, table, step, points, chord, run, runs, j, pose, across, along, loss, scale
+            control, table, step, points, chord, run, feet, runs, j, pose, across, along, loss, scale
         )  # fmt: skip
         number = int(runs[j, 2])
         start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
@@ -102,12 +134,16 @@ def normal_equations(
                 continue
             rx = c * points[i, 0] - s * points[i, 1]
             ry = s * points[i, 0] + c * points[i, 1]
+            q = _parameter(
+                control, start, count, first, chord[i] / step + o, feet[i], pose[0] + rx, pose[1] + ry, along
+            )
             a, b, ja[0], ja[1], jb[0], jb[1], da, db = _row(
-                control, start, count, first, chord[i] / step + o, pose[0] + rx, pose[1] + ry, across, along
+                control, start, count, first, q, pose[0] + rx, pose[1] + ry, across, along
             )  # fmt: skip
             rho, w = loss_terms(loss, a * a + b * b, scale)
             cost += rho
             used += 1
+            ja[0], ja[1] = _across(points, i, c, s, ja[0], ja[1])
             ja[2] = rx * ja[1] - ry * ja[0]
             jb[2] = rx * jb[1] - ry * jb[0]
             hoo += w * (da * da + db * db)
@@ -131,8 +167,8 @@ def normal_equations(
 
 @kernel
 def cost_of(
-    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, pose: Array,
-    across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float,
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
+    runs: Array, pose: Array, across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float,
 ) -> float:  # fmt: skip
     """Return the cost at `pose`."""
     c = math.cos(pose[2])
@@ -141,7 +177,7 @@ def cost_of(
     used = 0
     for j in range(runs.shape[0]):
         o = offset_of(
-            control, table, step, points, chord, run, runs, j, pose, across, along, loss, scale
+            control, table, step, points, chord, run, feet, runs, j, pose, across, along, loss, scale
         )  # fmt: skip
         number = int(runs[j, 2])
         start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
@@ -150,8 +186,9 @@ def cost_of(
                 continue
             x = pose[0] + c * points[i, 0] - s * points[i, 1]
             y = pose[1] + s * points[i, 0] + c * points[i, 1]
+            q = _parameter(control, start, count, first, chord[i] / step + o, feet[i], x, y, along)
             a, b, _, _, _, _, _, _ = _row(
-                control, start, count, first, chord[i] / step + o, x, y, across, along
+                control, start, count, first, q, x, y, across, along
             )  # fmt: skip
             cost += loss_terms(loss, a * a + b * b, scale)[0]
             used += 1
@@ -160,8 +197,8 @@ def cost_of(
 
 @kernel
 def jacobian(
-    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, runs: Array, pose: Array,
-    across: float, along: float, missing: float, weight: float, residuals: Array, rows: Array,
+    control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
+    runs: Array, pose: Array, across: float, along: float, missing: float, weight: float, residuals: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Fill whitened residuals (2 n,), across and along for each point, and their Jacobian (2 n, 3)."""
     c = math.cos(pose[2])
@@ -174,7 +211,7 @@ def jacobian(
     da = np.empty(residuals.shape[0])
     cross = np.empty(3)
     for j in range(runs.shape[0]):
-        o = offset_of(control, table, step, points, chord, run, runs, j, pose, across, along, 0, 1.0)
+        o = offset_of(control, table, step, points, chord, run, feet, runs, j, pose, across, along, 0, 1.0)
         number = int(runs[j, 2])
         start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
         hoo = 0.0
@@ -184,9 +221,13 @@ def jacobian(
                 continue
             rx = c * points[i, 0] - s * points[i, 1]
             ry = s * points[i, 0] + c * points[i, 1]
+            q = _parameter(
+                control, start, count, first, chord[i] / step + o, feet[i], pose[0] + rx, pose[1] + ry, along
+            )
             a, b, ax, ay, bx, by, dao, dbo = _row(
-                control, start, count, first, chord[i] / step + o, pose[0] + rx, pose[1] + ry, across, along
+                control, start, count, first, q, pose[0] + rx, pose[1] + ry, across, along
             )  # fmt: skip
+            ax, ay = _across(points, i, c, s, ax, ay)
             residuals[2 * i] = factor * a
             residuals[2 * i + 1] = factor * b
             for row, jx, jy, d in ((2 * i, ax, ay, dao), (2 * i + 1, bx, by, dbo)):

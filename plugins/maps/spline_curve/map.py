@@ -75,10 +75,14 @@ class SplineCurve(PlaneMap):
         closed = len(scan.ranges) * abs(scan.angle_increment) > 2.0 * math.pi - 1.5 * abs(scan.angle_increment)
         clusters = [
             clusters_of(
-                beams.points, max(options.gap * step, options.gap_least), options.gap_relative, options.points, closed
+                beams.points, max(options.gap * step, options.gap_least), options.gap_line, options.gap_relative,
+                options.points, closed,
             )
             for step in self.config.resolution
-        ]
+        ]  # fmt: skip
+        if not options.normals:
+            for each in clusters:
+                each.points[:, 4:] = 0.0
         return CurveAlignment(beams, clusters, self.stores, self._lookups, guess, options)
 
     def update(self, scan: Scan, pose: F64, alignment: Alignment | None = None, fuse: bool = True) -> None:

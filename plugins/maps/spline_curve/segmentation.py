@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotwork.core.kernel import kernel
+from knotwork.core.kernel import inlined, kernel
 from knotwork.core.messages import F64
 
 Array = NDArray[Any]
 
 _SMALL = 0.25  # of the widest gap: narrower ones never end a cluster, their ratio is noise
+_FLAT = 0.15  # sine of the angle between a gap and the lines at its ends
 _TURN = 2  # points to each side that give the direction of a cluster
 
 
@@ -24,8 +25,8 @@ class Clusters:
 
     Attributes
     ----------
-    points : shape (m, 4)
-        x, y [m] and unit direction of the cluster there, in the robot's frame.
+    points : shape (m, 6)
+        x, y [m], unit direction of the cluster and the normal of `Beams` there, in the robot's frame.
     chord : shape (m,)
         Length along the cluster from its first point [m], the noise across it left out.
     starts : int64, shape (k + 1,)
@@ -37,13 +38,15 @@ class Clusters:
     starts: NDArray[np.int64]
 
 
-def clusters_of(points: F64, gap: float, relative: float, least: int, closed: bool) -> Clusters:
-    """Return the clusters of points (n, >= 2) in the order of their beams.
+def clusters_of(points: F64, gap: float, line: float, relative: float, least: int, closed: bool) -> Clusters:
+    """Return the clusters of points (n, 4) as `Beams` has them.
 
     Parameters
     ----------
     gap, relative
         A gap wider than `gap` [m], or wider than `relative` times the one before it, ends a cluster.
+    line
+        But not a gap up to this [m] whose ends lie on one line, by their normals: a wall seen from far off.
     least
         A smaller cluster is left out.
     closed
@@ -52,15 +55,31 @@ def clusters_of(points: F64, gap: float, relative: float, least: int, closed: bo
     n = len(points)
     order = np.empty(n, np.int64)
     starts = np.empty(n + 1, np.int64)
-    k = segment(points, gap, relative, least, closed, order, starts)
+    k = segment(points, gap, line, relative, least, closed, order, starts)
     m = int(starts[k])
-    out, chord = np.empty((m, 4)), np.empty(m)
+    out, chord = np.empty((m, 6)), np.empty(m)
     measure(points, order, starts[: k + 1], out, chord)
     return Clusters(out, chord, starts[: k + 1].copy())
 
 
+@inlined
+def _on_line(points: Array, i: int, j: int) -> bool:
+    """Return whether points i and j lie on one line, by the normals of both."""
+    dx = points[j, 0] - points[i, 0]
+    dy = points[j, 1] - points[i, 1]
+    most = _FLAT * math.hypot(dx, dy)
+    known = (points[i, 2] != 0.0 or points[i, 3] != 0.0) and (points[j, 2] != 0.0 or points[j, 3] != 0.0)
+    return (
+        known
+        and abs(points[i, 2] * dx + points[i, 3] * dy) < most
+        and abs(points[j, 2] * dx + points[j, 3] * dy) < most
+    )
+
+
 @kernel
-def segment(points: Array, gap: float, relative: float, least: int, closed: bool, order: Array, starts: Array) -> int:
+def segment(
+    points: Array, gap: float, line: float, relative: float, least: int, closed: bool, order: Array, starts: Array
+) -> int:
     """Fill `order` with indices of points and `starts`; return the number of clusters."""
     n = points.shape[0]
     begins = np.empty(n + 1, np.int64)
@@ -75,7 +94,8 @@ def segment(points: Array, gap: float, relative: float, least: int, closed: bool
             d = math.hypot(points[i, 0] - points[last, 0], points[i, 1] - points[last, 1])
             if d < 1e-6:
                 continue
-        if m == 0 or d > gap or (before > 0.0 and d > relative * before and d > _SMALL * gap):
+        wide = d > gap or (before > 0.0 and d > relative * before and d > _SMALL * gap)
+        if m == 0 or (wide and not (d <= line and _on_line(points, kept[m - 1], i))):
             begins[count] = m
             count += 1
             before = 0.0
@@ -113,7 +133,7 @@ def segment(points: Array, gap: float, relative: float, least: int, closed: bool
 
 @kernel
 def measure(points: Array, order: Array, starts: Array, out: Array, chord: Array) -> None:
-    """Fill points with directions (m, 4) and chord lengths (m,).
+    """Fill points with directions and normals (m, 6) and chord lengths (m,).
 
     A chord is measured along the direction of the points around it: of noisy points the sum of plain
     distances is too long, by more the denser they lie.
@@ -130,6 +150,8 @@ def measure(points: Array, order: Array, starts: Array, out: Array, chord: Array
             out[i, 1] = points[order[i], 1]
             out[i, 2] = dx / size if size > 0.0 else 1.0
             out[i, 3] = dy / size if size > 0.0 else 0.0
+            out[i, 4] = points[order[i], 2]
+            out[i, 5] = points[order[i], 3]
         chord[low] = 0.0
         for i in range(low + 1, high):
             tx = out[i - 1, 2] + out[i, 2]

@@ -42,7 +42,7 @@ def remove_stale(store: CurveStore, rays: F64, pose: F64, margin: float) -> int:
         if not marked.any():
             continue
         curve = store.curve(number)
-        curve.weights[marked] = _KEEP * curve.weights[marked] - 1.0
+        curve.weights = np.where(marked, _KEEP * curve.weights - 1.0, curve.weights)
         kept = curve.weights > 0.0
         replaced[number] = spans(curve, kept)
         dropped += count - sum(len(part.control) for part in replaced[number])

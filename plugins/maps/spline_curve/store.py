@@ -62,7 +62,10 @@ class CurveStore:
         """Put any number of curves in the place of some, and add others at the end."""
         if not replaced and not added:
             return
-        controls, weights, rows, keys = [], [], [], []
+        controls: list[NDArray[Any]] = []
+        weights: list[NDArray[Any]] = []
+        rows: list[NDArray[Any]] = []
+        keys: list[int] = []
         start = kept = 0
 
         def keep(until: int) -> None:
@@ -101,10 +104,9 @@ class CurveStore:
         keep(len(self.table))
         for curve in added:
             put(curve)
-        empty: list[Any] = [np.empty((0, 2), np.float32)], [np.empty(0, np.uint8)], [np.empty((0, 3), np.int32)]
-        self.control, self.weight, self.table = (
-            np.concatenate(parts or nothing) for parts, nothing in zip((controls, weights, rows), empty, strict=True)
-        )
+        self.control = np.concatenate(controls) if controls else np.empty((0, 2), np.float32)
+        self.weight = np.concatenate(weights) if weights else np.empty(0, np.uint8)
+        self.table = np.concatenate(rows) if rows else np.empty((0, 3), np.int32)
         self._keys = keys
         self.version += 1
 
