@@ -1,6 +1,10 @@
 """Which experiments exist: name to the class that does it, and one line. Others add theirs here."""
 
 EXPERIMENTS: dict[str, tuple[str, str]] = {
+    "curve-slam": (
+        "knotwork.plugins.commands.experiment.curve_slam:CurveSlam",
+        "section 6.5: B-spline curve SLAM along walls and in a turn on the spot, at three knot intervals and all three",
+    ),
     "depth-gains": (
         "knotwork.plugins.commands.experiment.depth_gains:DepthGains",
         "Fig. 9.3: the depth observer at half, once and twice the critical gain",

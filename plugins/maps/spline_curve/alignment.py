@@ -113,9 +113,9 @@ class CurveAlignment(Alignment):
         for k, pose in enumerate(poses):
             found = self._at(pose, level)
             out[k] = kernels.cost_of(
-                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
-                pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
-                CODES[loss], scale,
+                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet,
+                found.runs, pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n,
+                self._weight, CODES[loss], scale,
             )  # fmt: skip
         return out
 
@@ -154,8 +154,8 @@ class CurveAlignment(Alignment):
         out = []
         for j, (begin, end, curve, _, cluster) in enumerate(found.runs):
             offset = kernels.offset_of(
-                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
-                j, pose, 1.0 / options.sigma, self._along or 0.1 / options.sigma, 0, 1.0,
+                store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet,
+                found.runs, j, pose, 1.0 / options.sigma, self._along or 0.1 / options.sigma, 0, 1.0,
             )  # fmt: skip
             length = clusters.chord[int(end) - 1] - clusters.chord[int(begin)]
             out.append(Track(int(cluster), int(curve), float(offset * store.step), float(length)))

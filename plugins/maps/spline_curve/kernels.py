@@ -110,7 +110,8 @@ def offset_of(
 @kernel
 def normal_equations(
     control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
-    runs: Array, pose: Array, across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float, out: Array,
+    runs: Array, pose: Array, across: float, along: float, missing: float, n: int,
+    weight: float, loss: int, scale: float, out: Array,
 ) -> float:  # fmt: skip
     """Fill `out` (4, 3): rows of H, then g; return the cost. `missing` is the residual of a point on no curve."""
     c = math.cos(pose[2])
@@ -168,7 +169,8 @@ def normal_equations(
 @kernel
 def cost_of(
     control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
-    runs: Array, pose: Array, across: float, along: float, missing: float, n: int, weight: float, loss: int, scale: float,
+    runs: Array, pose: Array, across: float, along: float, missing: float, n: int,
+    weight: float, loss: int, scale: float,
 ) -> float:  # fmt: skip
     """Return the cost at `pose`."""
     c = math.cos(pose[2])
