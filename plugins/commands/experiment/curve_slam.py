@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from knotwork.core.errors import InputError
+from knotwork.core.messages import F64
 from knotwork.core.world.files import load_world
 from knotwork.plugins.commands.experiment import figures
 from knotwork.plugins.commands.experiment.curve_runs import CELL, WORLD, Result, gallery_run
@@ -102,14 +103,19 @@ def _draw(out: Path, walls: dict[str, Result]) -> None:
     x, y, yaw = world.start
     c, s = math.cos(yaw), math.sin(yaw)
     for axis, (name, result) in zip(axes[0], walls.items(), strict=True):
-        for x1, y1, x2, y2 in world.segments:
-            ends = (np.array([[x1, y1], [x2, y2]]) - (x, y)) @ np.array([[c, -s], [s, c]])
-            axis.plot(ends[:, 0], ends[:, 1], color="0.8", linewidth=4)
+        sweeps = [(a[:2] + a[2] * _unit(a[3] + a[4] * np.linspace(0.0, 1.0, 60))) for a in world.arcs]
+        for wall in [part.reshape(2, 2) for part in world.segments] + sweeps:
+            seen = (wall - (x, y)) @ np.array([[c, -s], [s, c]])
+            axis.plot(seen[:, 0], seen[:, 1], color="0.85", linewidth=4)
         for line in result.chart.outlines():
             axis.plot(line[:, 0], line[:, 1], color="tab:blue", linewidth=1)
         axis.plot(result.truths[:, 0], result.truths[:, 1], color="0.5", linewidth=1, label="true path")
         axis.plot(result.poses[:, 0], result.poses[:, 1], "--", color="tab:red", linewidth=1, label="estimated path")
         axis.set_aspect("equal")
         figures.label(axis, "x [m]", "y [m]", f"knots {name}" + ("" if name == "pyramid" else " m"))
-    axes[0][0].legend(fontsize="small")
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figures.save(figure, out, "curve-slam")
+
+
+def _unit(angle: F64) -> F64:
+    return np.column_stack([np.cos(angle), np.sin(angle)])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from knotwork.core.kernel import kernel
 from knotwork.core.messages import F64
-from knotwork.plugins.maps.spline_curve.lookup import Lookup, candidates
+from knotwork.plugins.maps.spline_curve.lookup import Lookup, any_nearest, candidates
 from knotwork.plugins.maps.spline_curve.piece import foot, place
 from knotwork.plugins.maps.spline_curve.segmentation import Clusters
 from knotwork.plugins.maps.spline_curve.store import CurveStore
@@ -75,7 +75,6 @@ def find_runs(
         ty = s * points[i, 2] + c * points[i, 3]
         found = -1
         nearest = math.inf
-        front = False
         for sample in candidates(cells, x0, y0, cell, x, y, tx, ty):
             if sample < 0:
                 continue
@@ -83,10 +82,7 @@ def find_runs(
             start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
             q, signed, beyond = foot(control, start, count, first, samples[sample, 3], x, y)
             distance = abs(signed)
-            if beyond > 0.25 * step or distance >= nearest:
-                continue
-            if distance > gate:
-                front = front or signed < 0.0
+            if beyond > 0.25 * step or distance >= nearest or distance > gate:
                 continue
             _, _, dx, dy, _, _ = place(control, start, count, first, q)
             if dx * tx + dy * ty < _FORWARD * math.hypot(dx, dy):
@@ -95,7 +91,15 @@ def find_runs(
             nearest = distance
             feet[i] = q
         curve[i] = found
-        run[i] = -2 if front and found < 0 else -1
+        run[i] = -1
+        if found < 0:
+            sample = any_nearest(cells, samples, x0, y0, cell, x, y)
+            if sample >= 0:
+                number = int(samples[sample, 2])
+                start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+                _, signed, beyond = foot(control, start, count, first, samples[sample, 3], x, y)
+                if signed < -gate and beyond == 0.0:
+                    run[i] = -2
     jump = 2.0 * gate / step + 1.0
     total = 0
     for k in range(starts.shape[0] - 1):

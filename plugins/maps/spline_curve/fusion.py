@@ -13,6 +13,7 @@ from knotwork.plugins.maps.spline_curve.segmentation import Clusters
 from knotwork.plugins.maps.spline_curve.store import CurveStore
 
 _END = 1.5  # knot intervals: a run that ends this near to its curve's end may extend it
+_SHORTEST = 0.5  # knot intervals: data on less do not determine a curve
 _DENSITY = 4.0  # points in a knot interval that make the evidence of a whole scan
 
 
@@ -104,12 +105,18 @@ class Fusion:
                 parts.append(tau[-1] + chord[after] - chord[on[-1]])
                 where.append(after)
                 taken[n + 1] = True
-            piece = self._fit(np.concatenate(parts), points[np.concatenate(where)])
+            tau = np.concatenate(parts)
+            if float(np.ptp(tau)) < _SHORTEST * step:
+                continue
+            piece = self._fit(tau, points[np.concatenate(where)])
             self._changed[number] = curve.merge(piece, self._limit)
         for n, stretch in enumerate(stretches):
             if stretch.run < 0 and not taken[n] and stretch.end - stretch.begin >= self._least:
                 part = slice(stretch.begin, stretch.end)
-                self.result.new += float(chord[stretch.end - 1] - chord[stretch.begin])
+                length = float(chord[stretch.end - 1] - chord[stretch.begin])
+                if length < _SHORTEST * step:
+                    continue
+                self.result.new += length
                 self._begun.append(self._fit(chord[part] - chord[stretch.begin], points[part]))
         runs = [stretch for stretch in stretches if stretch.run >= 0]
         for a, b in itertools.pairwise(runs):

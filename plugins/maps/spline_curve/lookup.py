@@ -17,6 +17,8 @@ Array = NDArray[Any]
 CELL = 0.2  # m
 _MOST = 4_000_000  # cells, in all four layers
 PER_KNOT = 2  # samples in a knot interval
+FRONT = 1.5  # m: so far in front of a curve it is known that nothing is
+_FAR = 8  # each so manieth sample reaches as far
 _ROOM = 1.0  # m around the box that was asked for
 
 
@@ -27,7 +29,8 @@ class Lookup:
     Attributes
     ----------
     cells : int32, shape (4, rows, columns)
-        Number of the sample nearest to the cell's centre, -1 for none within reach.
+        Number of the sample nearest to the cell's centre, -1 for none within reach; beyond the reach, up to
+        `FRONT`, one of the nearest.
     x0, y0, cell
         Corner and side of the raster [m].
     samples : shape (s, 4)
@@ -62,7 +65,8 @@ def splat(
 ) -> int:  # fmt: skip
     """Fill raster and samples; return the number of samples."""
     rows, columns = cells.shape[1], cells.shape[2]
-    span = math.ceil(reach / cell)
+    near = math.ceil(reach / cell)
+    far = math.ceil(FRONT / cell)
     used = 0
     for n in range(numbers.shape[0]):
         curve = numbers[n]
@@ -72,6 +76,7 @@ def splat(
             x, y, dx, dy, _, _ = place(control, start, count, first, q)
             column = math.floor((x - x0) / cell)
             row = math.floor((y - y0) / cell)
+            span = far if used % _FAR == 0 else near
             if column < -span or row < -span or column >= columns + span or row >= rows + span:
                 continue
             samples[used, 0] = x
@@ -96,6 +101,25 @@ def quadrant(angle: float) -> int:
     """Return which quarter of the circle an angle lies in, 0 to 3."""
     number: int = math.floor(angle * (2.0 / math.pi)) & 3
     return number
+
+
+@kernel
+def any_nearest(cells: Array, samples: Array, x0: float, y0: float, cell: float, x: float, y: float) -> int:
+    """Return the sample nearest to the point, of all directions."""
+    column = math.floor((x - x0) / cell)
+    row = math.floor((y - y0) / cell)
+    found = -1
+    if column < 0 or row < 0 or column >= cells.shape[2] or row >= cells.shape[1]:
+        return found
+    least = math.inf
+    for layer in range(4):
+        sample = cells[layer, row, column]
+        if sample >= 0:
+            square = (samples[sample, 0] - x) ** 2 + (samples[sample, 1] - y) ** 2
+            if square < least:
+                least = square
+                found = sample
+    return found
 
 
 @kernel

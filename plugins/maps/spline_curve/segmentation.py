@@ -69,11 +69,9 @@ def _on_line(points: Array, i: int, j: int) -> bool:
     dy = points[j, 1] - points[i, 1]
     most = _FLAT * math.hypot(dx, dy)
     known = (points[i, 2] != 0.0 or points[i, 3] != 0.0) and (points[j, 2] != 0.0 or points[j, 3] != 0.0)
-    return (
-        known
-        and abs(points[i, 2] * dx + points[i, 3] * dy) < most
-        and abs(points[j, 2] * dx + points[j, 3] * dy) < most
-    )
+    first: float = abs(points[i, 2] * dx + points[i, 3] * dy)
+    second: float = abs(points[j, 2] * dx + points[j, 3] * dy)
+    return known and first < most and second < most
 
 
 @kernel
