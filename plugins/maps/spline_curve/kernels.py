@@ -240,10 +240,9 @@ def jacobian(
                 hoo += d * d
                 for k in range(3):
                     cross[k] += d * rows[row, k]
-        if hoo <= 0.0:
-            continue
         for i in range(int(runs[j, 0]), int(runs[j, 1])):
             if run[i] == j:
                 for row in (2 * i, 2 * i + 1):
                     for k in range(3):
-                        rows[row, k] = factor * (rows[row, k] - da[row] * cross[k] / hoo)
+                        eliminated = da[row] * cross[k] / hoo if hoo > 0.0 else 0.0
+                        rows[row, k] = factor * (rows[row, k] - eliminated)

@@ -112,7 +112,7 @@ def test_no_such_world(tmp_path):
 
 
 def test_the_shipped_worlds_are_these():
-    assert shipped_worlds() == ["apartment", "arena", "corridor-300m", "room"]
+    assert shipped_worlds() == ["apartment", "arena", "corridor-300m", "gallery", "room"]
 
 
 @pytest.mark.parametrize("name", shipped_worlds())

@@ -291,10 +291,10 @@ def test_tracks_say_which_stretch_lies_where(curves):
 def test_a_scan_of_another_place_is_not_explained(curves):
     chart = mapped_room(curves)
     pose = np.array([0.3, -0.2, 0.5])
-    alignment = chart.alignment(scan(np.full(360, 1.2), angle_increment=2 * np.pi / 360), pose)
+    alignment = chart.alignment(scan(np.full(360, 1.6), angle_increment=2 * np.pi / 360), pose)
     terms = alignment.normal_equations(pose, 2)
     assert alignment.inliers(pose, 1) < 0.1
-    assert terms.n_used > 0.8 * terms.n_total, "it contradicts what is known to be free"
+    assert terms.n_used > 0.4 * terms.n_total, "in front of walls it contradicts what is known to be free"
 
 
 # ---- questions
