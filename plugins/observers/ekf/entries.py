@@ -58,7 +58,7 @@ class Fix:
         *("odom", "part", "outcome", "state"),
     )
 
-    def __init__(self, key: Key, pose: Pose2, covariance: F64, information: F64 | None, replace: bool) -> None:
+    def __init__(self, key: Key, pose: Pose2, covariance: Triangle, information: F64 | None, replace: bool) -> None:
         self.key = key
         self.time = key[0]
         self.number = key[1]
