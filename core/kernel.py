@@ -1,39 +1,17 @@
 """The one decorator for hot loops: compiled by Numba, cached on disk, run without the interpreter lock."""
 
-import importlib
-import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from numba import njit
-from numba.core import config
-
 from knotwork.core import kernel_cache
+from knotwork.core.lean_numba import config, njit
 
 F = TypeVar("F", bound=Callable[..., object])
 
 # Sums may be reordered and multiply-adds fused; NaN and inf keep their meaning (scans carry both).
 _FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
 _CACHE = kernel_cache.folder()
-_BLAS = "scipy.linalg.cython_blas"
 kernel_cache.announce()
-
-
-def _import_array_functions() -> None:
-    """Import what every kernel needs of Numba, but not SciPy, whose presence Numba only looks up there.
-
-    A kernel with `@` or `np.linalg` still finds SciPy when it is compiled or called.
-    """
-    if _BLAS in sys.modules:
-        return
-    sys.modules[_BLAS] = None  # type: ignore[assignment]
-    try:
-        importlib.import_module("numba.np.arraymath")
-    finally:
-        del sys.modules[_BLAS]
-
-
-_import_array_functions()
 
 
 def kernel(function: F) -> F:
