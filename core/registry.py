@@ -70,9 +70,9 @@ class Registry:
 
     def record(self, name: str) -> Record | None:
         """Return what is known of a plugin."""
-        module = self._unread.pop(name, None)
-        if module is not None:
-            self._discover(name, module, f"knotwork {importlib.import_module('knotwork').__version__}")
+        self._read(name)
+        if name not in self._records:  # a module may hold others than the one it is named after
+            self._read_all()
         return self._records.get(name)
 
     def find(self, name: str) -> Manifest | None:
@@ -107,7 +107,8 @@ class Registry:
         cause = _unusable(manifest)
         missing = not cause and (cause := _missing(manifest)) != ""
         kind = manifest.kind if manifest.kind in KINDS else "?"
-        known = self.record(manifest.name)
+        self._read(manifest.name)
+        known = self._records.get(manifest.name)
         if known is not None:
             cause, missing = f"the name {manifest.name!r} is taken by {known.distribution}", False
         cause = cause or _register_types(manifest)
@@ -115,13 +116,20 @@ class Registry:
 
     def _keep(self, record: Record) -> None:
         """Put a record under its name, or under a name that says whose it is when that is taken."""
-        if self.record(record.name) is not None:
+        self._read(record.name)
+        if record.name in self._records:
             record = replace(record, name=f"{record.name} ({record.distribution})")
         self._records[record.name] = record
 
+    def _read(self, name: str) -> None:
+        """Import the manifest of a built-in plugin, if that has not been done."""
+        module = self._unread.pop(name, None)
+        if module is not None:
+            self._discover(name, module, f"knotwork {importlib.import_module('knotwork').__version__}")
+
     def _read_all(self) -> None:
         for name in list(self._unread):
-            self.record(name)
+            self._read(name)
 
     def _discover(self, name: str, source: str | EntryPoint, distribution: str) -> None:
         path = source if isinstance(source, str) else source.value

@@ -7,6 +7,7 @@ from knotwork.core.messages import F64
 from knotwork.plugins.observers.ekf.filter import Triangle
 
 Outcome: TypeAlias = Literal["taken", "refused", "forced"]
+Place: TypeAlias = tuple[int, int]  # time [ns] and knot number
 Key: TypeAlias = tuple[int, int, int, int, int]  # time, knot number, 1 for a correction, stamp, scan id
 
 

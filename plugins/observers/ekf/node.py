@@ -9,13 +9,11 @@ from knotwork.core.contracts import Context, Observer, PriorEstimate
 from knotwork.core.geometry import Pose2, compose, inverse, wrap
 from knotwork.core.messages import F64, Message, Odometry, Pose, Scan, Transform
 from knotwork.plugins.observers.ekf import EkfConfig
-from knotwork.plugins.observers.ekf.entries import Fix
+from knotwork.plugins.observers.ekf.entries import Fix, Place
 from knotwork.plugins.observers.ekf.filter import Triangle, diagonal, is_positive, to_matrix, to_triangle
 from knotwork.plugins.observers.ekf.history import History
 
 _MARKS = 4096  # stamps and scans whose place in the odometry is remembered
-
-Place = tuple[int, int]  # time [ns] and knot number
 
 
 class Ekf(Observer):
@@ -139,7 +137,7 @@ class Ekf(Observer):
         newest = history.newest
         if newest is None or (newest.odom is None and message.time > newest.time):
             history.append_scan(message.time)
-            return message.time, history.number_at(message.time)
+            return history.place(message.time)
         return self._instant(message.stamp, message.time)
 
     def _instant(self, stamp: int, time: int) -> Place:
@@ -147,8 +145,7 @@ class Ekf(Observer):
         known = self._stamps.get(stamp)
         if known is not None:
             return known
-        at = min(stamp, time)
-        return at, self._history.number_at(at)
+        return self._history.place(min(stamp, time))
 
     def _tell(self, counter: str, text: str) -> None:
         """Count, and report the first of its kind."""
