@@ -151,7 +151,7 @@ class McapWriter:
             This message completed a chunk that could not be written.
         """
         size = len(data)
-        at = self._bytes
+        at: int = self._bytes
         index = self._index.get(channel)
         if index is None:
             index = self._index[channel] = []
