@@ -151,7 +151,7 @@ class McapWriter:
             This message completed a chunk that could not be written.
         """
         size = len(data)
-        at: int = self._bytes
+        at = self._bytes
         index = self._index.get(channel)
         if index is None:
             index = self._index[channel] = []
@@ -216,7 +216,7 @@ class McapWriter:
 
     def _new_chunk(self) -> None:
         self._parts: list[bytes] = []
-        self._bytes = 0
+        self._bytes: int = 0
         self._index: dict[int, list[int]] = {}  # channel: log time, offset, log time, offset, ...
         self._chunk_start = 1 << 63
         self._chunk_end = 0
