@@ -151,19 +151,18 @@ class McapWriter:
             This message completed a chunk that could not be written.
         """
         size = len(data)
-        at = self._bytes
         index = self._index.get(channel)
         if index is None:
             index = self._index[channel] = []
-        index += (log_time, at)
+        index += (log_time, self._bytes)
         head = _MESSAGE.pack(5, _MESSAGE_FIXED + size, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
         self._parts += (head, data)
         if log_time < self._chunk_start:
             self._chunk_start = log_time
         if log_time > self._chunk_end:
             self._chunk_end = log_time
-        self._bytes = at = at + _MESSAGE.size + size
-        if at >= self._chunk_size:
+        self._bytes += _MESSAGE.size + size
+        if self._bytes >= self._chunk_size:
             self.flush()
 
     def flush(self) -> None:
@@ -216,7 +215,7 @@ class McapWriter:
 
     def _new_chunk(self) -> None:
         self._parts: list[bytes] = []
-        self._bytes: int = 0
+        self._bytes = 0
         self._index: dict[int, list[int]] = {}  # channel: log time, offset, log time, offset, ...
         self._chunk_start = 1 << 63
         self._chunk_end = 0
