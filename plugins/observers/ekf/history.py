@@ -9,7 +9,7 @@ from typing import cast
 
 from knotwork.core.geometry import IDENTITY, Pose2, log, relative, scaled
 from knotwork.plugins.observers.ekf import EkfConfig
-from knotwork.plugins.observers.ekf.entries import Entry, Fix, Knot, State
+from knotwork.plugins.observers.ekf.entries import Entry, Fix, Knot, Place, State
 from knotwork.plugins.observers.ekf.filter import Triangle
 from knotwork.plugins.observers.ekf.model import SECOND, Model
 
@@ -68,12 +68,20 @@ class History:
         self._recompute(at)
         return True
 
-    def number_at(self, time: int) -> int:
-        """Return the number of the last knot that is not after `time`, -1 if all are."""
+    def place(self, time: int) -> Place:
+        """Return where a measurement at `time` [ns] belongs: after the last knot that is not later.
+
+        A little before the very first knot is at that knot: the first scan of a robot may have begun before
+        its first odometry. Number -1: before all that is remembered.
+        """
         for entry in reversed(self.entries):
             if entry.time <= time:
-                return entry.number
-        return -1
+                return time, entry.number
+        if self.entries:
+            first = self.entries[0]
+            if first.number == 0 and first.time - time <= self._buffer:
+                return first.time, 0
+        return time, -1
 
     # --- what is asked ------------------------------------------------------------------------------
 

@@ -419,3 +419,22 @@ def test_config_refuses_nonsense():
     ):
         with pytest.raises(ValueError, match="validation error"):
             EkfConfig(**bad)
+
+
+def test_a_first_scan_from_before_the_first_odometry_corrects_the_pose_there(make_ekf):
+    ekf = make_ekf()
+    ekf.on_odometry(odometry(100 * MS, (0.0, 0.0, 0.0)))
+    ekf.on_scan(scan(100 * MS, 0, stamp=40 * MS))
+    ekf.on_correction(correction(100 * MS, (0.5, 0.2, 0.1), stamp=40 * MS, scan_id=0, prior_included=True))
+    assert ekf.context.counts == {}
+    assert ekf.context.reports == []
+    np.testing.assert_array_equal(ekf.prior(100 * MS).pose, (0.5, 0.2, 0.1))
+    ekf.on_odometry(odometry(200 * MS, (1.0, 0.0, 0.0)))
+    np.testing.assert_allclose(ekf.prior(200 * MS).pose, compose((0.5, 0.2, 0.1), (1.0, 0.0, 0.0)), atol=1e-12)
+
+
+def test_a_correction_long_before_the_first_odometry_is_too_old(make_ekf):
+    ekf = make_ekf(buffer=10.0)
+    ekf.on_odometry(odometry(100 * S, (0.0, 0.0, 0.0)))
+    ekf.on_correction(correction(100 * S, (0.5, 0.2, 0.1), stamp=80 * S, prior_included=True))
+    assert ekf.context.counts == {"old_corrections": 1}
