@@ -6,7 +6,7 @@ from typing import Any, TypeVar, cast
 from numba import njit
 from numba.core import config
 
-from knotwork.core import kernel_cache
+from knotwork.core import first_kernel, kernel_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -14,6 +14,7 @@ F = TypeVar("F", bound=Callable[..., object])
 _FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
 _CACHE = kernel_cache.folder()
 kernel_cache.announce()
+first_kernel.spare_linear_algebra()
 
 
 def kernel(function: F) -> F:
