@@ -97,11 +97,13 @@ class Yardstick:
         return float(np.median(self.times)) / 1e6
 
 
-def run(log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int) -> dict[str, Any]:
+def run(
+    log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int, plugin: str = "spline-surface"
+) -> dict[str, Any]:
     registry = Registry(third_parties=False)
     driver, _ = build(registry, "carmen", path=str(log), **settings.get("log", {}))
     prior, _ = build(registry, "ekf", **settings.get("prior", {}))
-    chart, chart_context = build(registry, "spline-surface", **settings.get("map", {}))
+    chart, chart_context = build(registry, plugin, **settings.get("map", {}))
     localizer, context = build(registry, "gauss-newton", **settings.get("localizer", {}))
     context.uses = {"map": chart, "prior": prior}
     contexts = [prior.context, chart_context, context]
@@ -188,6 +190,7 @@ def show(result: dict[str, Any], relations: Path | None) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("log", type=Path)
+    parser.add_argument("--map", default="spline-surface", help="plugin")
     parser.add_argument("--relations", type=Path)
     parser.add_argument("--limit", type=int, default=0, help="scans")
     parser.add_argument("--every", type=int, default=1, help="only each so manieth scan")
@@ -199,7 +202,7 @@ def main() -> None:
         key, _, value = item.partition("=")
         node, _, name = key.partition(".")
         settings.setdefault(node, {})[name] = json.loads(value)
-    result = run(arguments.log, settings, arguments.limit, arguments.every)
+    result = run(arguments.log, settings, arguments.limit, arguments.every, arguments.map)
     relations = arguments.relations
     beside = arguments.log.with_name(arguments.log.name.replace(".clf", ".relations"))
     if relations is None and beside != arguments.log and beside.exists():
