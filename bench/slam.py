@@ -109,6 +109,7 @@ def run(
     contexts = [prior.context, chart_context, context]
     for node in (prior, chart, localizer):
         node.warm()
+        node.open()
     poses, stamps, quality, totals = [], [], [], []
     seen = newest = 0
     yardstick = Yardstick()

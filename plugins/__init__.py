@@ -13,6 +13,7 @@ BUILTINS = (
     "knotwork.plugins.drivers.sim_camera",
     "knotwork.plugins.maps.grid",
     "knotwork.plugins.maps.spline_surface",
+    "knotwork.plugins.maps.tsdf",
     "knotwork.plugins.localizers.gauss_newton",
     "knotwork.plugins.observers.depth_ekf",
     "knotwork.plugins.observers.depth_fixed_gain",
@@ -34,4 +35,5 @@ BUILTINS = (
     "knotwork.plugins.commands.evaluate",
     "knotwork.plugins.commands.experiment",
     "knotwork.plugins.commands.log",
+    "knotwork.plugins.commands.map",
 )

@@ -45,6 +45,8 @@ class CellAlignment(Alignment):
     ----------
     beams
         The scan in the robot's frame.
+    points : shape (n, 4)
+        Its points; without normals where the whole gradient counts.
     views
         Coarse to fine.
     code
@@ -53,13 +55,13 @@ class CellAlignment(Alignment):
         More beams than this count as this many.
     """
 
-    def __init__(self, beams: Beams, views: list[CellLevel], code: int, most: float) -> None:
+    def __init__(self, beams: Beams, points: F64, views: list[CellLevel], code: int, most: float) -> None:
         self.beams = beams
         self.levels = len(views)
         self._views = views
         self._code = code
-        self._points = beams.points
-        self._n = len(beams.points)
+        self._points = points
+        self._n = len(points)
         self._weight = min(1.0, most / self._n) if self._n else 1.0
 
     def normal_equations(self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> NormalEquations:

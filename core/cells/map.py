@@ -18,7 +18,7 @@ from knotwork.core.splines import TiledArray
 class CellMap(PlaneMap):
     """Base of maps that hold one number a cell to align with, at every level.
 
-    A subclass fills `levels_of_cells` in its `clear`, fuses into one level, and says how its values are read.
+    A subclass makes empty cells (`clear`), fuses into one level and says how its values are read.
     """
 
     options: CellOptions
@@ -27,9 +27,7 @@ class CellMap(PlaneMap):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self.options = context.options
-        self._fused = 0
-        self.clear()
-        self._views = [self.view(level) for level in range(self.levels)]
+        self.renew()
 
     @abstractmethod
     def clear(self) -> None:
@@ -67,16 +65,22 @@ class CellMap(PlaneMap):
 
     def renew(self) -> None:
         """Forget everything."""
-        self._fused = 0
         self.clear()
+        self.adopt(0)
+
+    def adopt(self, fused: int) -> None:
+        """Go on with the `cells` as they are now, of so many scans."""
+        self._fused = fused
         self._views = [self.view(level) for level in range(self.levels)]
 
     def alignment(self, scan: Scan, guess: F64, motion: F64 | None = None) -> Alignment:
         """Prepare `scan`; the guess does not matter to this map."""
         beams = beams_of(scan, self.config.range_min, self.config.range_max, motion)
+        points = beams.points
         if not self.options.normals:
-            beams.points[:, 2:] = 0.0
-        return CellAlignment(beams, self._views, CODES[self.options.interpolation], self.options.beams)
+            points = points.copy()
+            points[:, 2:] = 0.0
+        return CellAlignment(beams, points, self._views, CODES[self.options.interpolation], self.options.beams)
 
     def update(self, scan: Scan, pose: F64, alignment: Alignment | None = None, fuse: bool = True) -> None:
         """Fuse `scan` taken at robot `pose` (3,); nothing with `fuse=False` or `fuse: false` in the config."""

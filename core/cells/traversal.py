@@ -17,6 +17,7 @@ from knotwork.core.splines.tiles import SIDE, TiledArray
 Array = NDArray[Any]
 
 _NEVER = 1e300
+_PARALLEL = 1e-12  # a smaller component of the direction crosses no border
 
 
 @inlined
@@ -26,9 +27,9 @@ def axis(x: float, u: float, start: float, step: float) -> tuple[int, int, float
     `x` [m] is where the ray begins, `u` its direction's component; the traversal begins at distance `start`.
     """
     i = int(math.floor((x + start * u) / step))
-    if u > 0.0:
+    if u > _PARALLEL:
         return i, 1, ((i + 1) * step - x) / u, step / u
-    if u < 0.0:
+    if u < -_PARALLEL:
         return i, -1, (i * step - x) / u, -step / u
     return i, 0, _NEVER, _NEVER
 

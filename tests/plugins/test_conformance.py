@@ -152,6 +152,26 @@ class TestSplineSurface(MapSuite):
     options = {"normals": False}  # so that g is the whole gradient of the cost
 
 
+class TestGridBilinear(MapSuite):
+    plugin = "grid"
+    options = {"normals": False}
+
+
+class TestGridBicubic(MapSuite):
+    plugin = "grid"
+    config = {"resolution": [0.125, 0.05]}  # cells of 0.3 m move a wall by up to half of that
+    options = {"normals": False, "interpolation": "bicubic"}
+
+
+class TestTsdf(MapSuite):
+    plugin = "tsdf"
+    options = {"normals": False}
+
+
+class TestMapCommand(CommandSuite):
+    plugin = "map"
+
+
 class TestGaussNewton(LocalizerSuite):
     plugin = "gauss-newton"
 

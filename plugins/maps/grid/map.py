@@ -90,10 +90,8 @@ class GridMap(CellMap):
                 tiles = np.clip(np.rint(tiles * ratio), -clamp, clamp).astype(self.dtype)
             found.append(TiledArray.from_claimed(where, tiles))
         fused = int(facts["fused"])
-        self.renew()
-        self.cells[:] = found
-        self._fused = fused
-        self._views = [self.view(level) for level in range(self.levels)]
+        self.cells = found
+        self.adopt(fused)
 
 
 def storage(config: MapConfig) -> tuple[type[np.signedinteger[Any]], float]:
