@@ -11,6 +11,7 @@ BUILTINS = (
     "knotwork.plugins.drivers.opencr",
     "knotwork.plugins.drivers.sim2d",
     "knotwork.plugins.drivers.sim_camera",
+    "knotwork.plugins.maps.gp",
     "knotwork.plugins.maps.grid",
     "knotwork.plugins.maps.spline_surface",
     "knotwork.plugins.maps.tsdf",

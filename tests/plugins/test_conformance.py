@@ -163,6 +163,17 @@ class TestGridBicubic(MapSuite):
     options = {"normals": False, "interpolation": "bicubic"}
 
 
+class TestGp(MapSuite):
+    """Nothing is aligned with this map: what the kit asks of alignments does not apply."""
+
+    plugin = "gp"
+    config = {"resolution": [0.1]}
+    scans = 6
+    test_empty = test_normal_equations = test_gradient = test_costs_agree = test_jacobian = None
+    test_pulls_towards_the_truth = test_fuse_false_changes_nothing = test_update_through_an_alignment = None
+    test_poor_scans = test_save_and_load = test_damaged_file = None  # tests/plugins/maps/test_gp.py
+
+
 class TestTsdf(MapSuite):
     plugin = "tsdf"
     options = {"normals": False}
