@@ -105,9 +105,7 @@ def costs(
         for k in range(points.shape[0]):
             x = poses[p, 0] + c * points[k, 0] - s * points[k, 1]
             y = poses[p, 1] + s * points[k, 0] + c * points[k, 1]
-            r, _, _, _ = _residual(
-                pool, directory, oi, oj, per_step, code, unknown, strict, gain, offset, beyond, x, y
-            )
+            r, _, _, _ = _residual(pool, directory, oi, oj, per_step, code, unknown, strict, gain, offset, beyond, x, y)
             cost += loss_terms(loss, r * r, scale)[0]
         out[p] = weight * cost
     return out

@@ -112,7 +112,10 @@ class GpMap(PlaneMap):
     def _cells_near(self, points: F64) -> F64:
         """Return the cells (n, 2), whole numbers, whose centres are near a training point."""
         reach = _REACH * self.options.length
-        low, high = np.floor((points.min(axis=0) - reach) / self.step), np.ceil((points.max(axis=0) + reach) / self.step)
+        low, high = (
+            np.floor((points.min(axis=0) - reach) / self.step),
+            np.ceil((points.max(axis=0) + reach) / self.step),
+        )
         axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
         cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         distance, _ = cKDTree(points).query((cells + 0.5) * self.step, distance_upper_bound=reach)

@@ -17,9 +17,7 @@ class GridConfig(MapConfig):
 class GridOptions(CellOptions):
     """What only this map understands."""
 
-    sigma: float = quantity(
-        0.05, "1", "standard deviation of the residual 1 - log-odds / clamp of a good beam", gt=0
-    )
+    sigma: float = quantity(0.05, "1", "standard deviation of the residual 1 - log-odds / clamp of a good beam", gt=0)
     beams: float = quantity(
         10.0, "1", "a scan of more beams than this counts as this many: a grid's errors are far from independent", gt=0
     )

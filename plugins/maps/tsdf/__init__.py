@@ -30,7 +30,9 @@ class TsdfOptions(CellOptions):
         "normal",
         description="of a cell: along the beam, or to the line through the beam's end along the wall it hit",
     )
-    weight_max: int = quantity(25, "1", "a cell's distance is the mean of so many measurements, then follows", ge=1, le=255)
+    weight_max: int = quantity(
+        25, "1", "a cell's distance is the mean of so many measurements, then follows", ge=1, le=255
+    )
     behind: float = quantity(
         1.0, "1", "share of the truncation behind a surface to which its distance is drawn", gt=0, le=1
     )

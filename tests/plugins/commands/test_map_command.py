@@ -20,9 +20,7 @@ def save(plugin, folder, options=None):
     """A room, mapped by a plugin and saved."""
     registry = Registry(third_parties=False)
     manifest = registry.find(plugin)
-    chart = registry.load(manifest)(
-        RecordingContext(manifest, {"resolution": RESOLUTION}, options=options, out=folder)
-    )
+    chart = registry.load(manifest)(RecordingContext(manifest, {"resolution": RESOLUTION}, options=options, out=folder))
     room = Room()
     for number, pose in enumerate(room.poses(12)):
         chart.update(room.scan(pose, scan_id=number), pose)

@@ -18,7 +18,11 @@ ANGLES = np.deg2rad(np.arange(-60, 60, 0.5))
 @pytest.fixture
 def tsdf(tmp_path):
     def make(options=None, **config) -> TsdfMap:
-        return TsdfMap(RecordingContext(MANIFEST, {"resolution": [STEP]} | config, options={"truncation": 0.3} | (options or {}), out=tmp_path))
+        return TsdfMap(
+            RecordingContext(
+                MANIFEST, {"resolution": [STEP]} | config, options={"truncation": 0.3} | (options or {}), out=tmp_path
+            )
+        )
 
     return make
 
