@@ -134,8 +134,8 @@ def _bicubic(
 def _nearest(
     pool: Array, directory: Array, oi: int, oj: int, x: float, y: float, unknown: float
 ) -> tuple[float, float, float, int]:
-    i = int(math.floor(x + 0.5))
-    j = int(math.floor(y + 0.5))
+    i = math.floor(x + 0.5)
+    j = math.floor(y + 0.5)
     value = at(pool, directory, oi, oj, i, j)
     left, right = at(pool, directory, oi, oj, i - 1, j), at(pool, directory, oi, oj, i + 1, j)
     below, above = at(pool, directory, oi, oj, i, j - 1), at(pool, directory, oi, oj, i, j + 1)
@@ -185,7 +185,7 @@ def lookup(pool: Array, directory: Array, oi: int, oj: int, step: float, points:
     """Return the cells (n,) in which map `points` (n, 2) lie."""
     values = np.empty(points.shape[0])
     for k in range(points.shape[0]):
-        i = int(math.floor(points[k, 0] / step))
-        j = int(math.floor(points[k, 1] / step))
+        i = math.floor(points[k, 0] / step)
+        j = math.floor(points[k, 1] / step)
         values[k] = at(pool, directory, oi, oj, i, j)
     return values

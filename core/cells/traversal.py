@@ -26,7 +26,7 @@ def axis(x: float, u: float, start: float, step: float) -> tuple[int, int, float
 
     `x` [m] is where the ray begins, `u` its direction's component; the traversal begins at distance `start`.
     """
-    i = int(math.floor((x + start * u) / step))
+    i = math.floor((x + start * u) / step)
     if u > _PARALLEL:
         return i, 1, ((i + 1) * step - x) / u, step / u
     if u < -_PARALLEL:

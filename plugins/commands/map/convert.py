@@ -94,7 +94,7 @@ def convert(file: Path, to: str, output: Path, resolution: float | None = None) 
     )
     sink.close()
     written = [output.with_suffix(f".{to}")]
-    return written + [output.with_suffix(".yaml")] if to == "pgm" else written
+    return [*written, output.with_suffix(".yaml")] if to == "pgm" else written
 
 
 def _node(

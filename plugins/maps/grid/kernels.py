@@ -45,7 +45,7 @@ def fuse(
         if rays[k, 5] > 0.0:
             x = pose[0] + c * rays[k, 0] - s * rays[k, 1] + rays[k, 4] * (c * rays[k, 2] - s * rays[k, 3])
             y = pose[1] + s * rays[k, 0] + c * rays[k, 1] + rays[k, 4] * (s * rays[k, 2] + c * rays[k, 3])
-            _add(pool, marks, directory, oi, oj, int(math.floor(x / step)), int(math.floor(y / step)), hit, clamp)
+            _add(pool, marks, directory, oi, oj, math.floor(x / step), math.floor(y / step), hit, clamp)
     if free == 0:
         return
     for k in range(rays.shape[0]):

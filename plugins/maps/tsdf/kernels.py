@@ -35,7 +35,7 @@ def _average(
         pool[slot, a, b] = value
     else:
         old = float(pool[slot, a, b])
-        pool[slot, a, b] = int(math.floor(old + (value - old) * share / (weight + share) + 0.5))
+        pool[slot, a, b] = math.floor(old + (value - old) * share / (weight + share) + 0.5)
     weights[slot, a, b] = min(weight + share, most)
 
 
@@ -54,7 +54,7 @@ def fuse(
     """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
-    limit = int(round(truncation / quantum))
+    limit = round(truncation / quantum)
     hit = 0
     for k in range(rays.shape[0]):
         x = pose[0] + c * rays[k, 0] - s * rays[k, 1]
@@ -88,7 +88,7 @@ def fuse(
                 along = ux * px + uy * py
                 distance = along if along > 2.0 * truncation else nx * px + ny * py
                 if distance < truncation:
-                    value = max(int(math.floor(distance / quantum + 0.5)), -limit)
+                    value = max(math.floor(distance / quantum + 0.5), -limit)
                     share = near
                     if distance < -step:
                         share = max(int(near * (1.0 + distance / truncation)), 1)

@@ -22,10 +22,11 @@ _FINEST_SHARE = 10  # a passing beam weighs at least this part of a measured dis
 
 
 class TsdfMap(CellMap):
-    """Cells hold the mean signed distance [m] of their centres to the surface that beams hit, and how many said so.
+    """Cells hold the mean signed distance [m] of their centres to the surface that beams hit, and its weight.
 
     After J. Fossel et al., "2D-SDF-SLAM" (2015) and K. Daun et al., "Large scale 2D laser SLAM using truncated
-    signed distance functions" (2019). A beam that passes weighs free / hit of one that ends near. Residual of a beam: the distance where it ends / sigma.
+    signed distance functions" (2019). A beam that passes weighs free / hit of one that ends near. Residual of
+    a beam: the distance where it ends / sigma.
     """
 
     kind = "tsdf"

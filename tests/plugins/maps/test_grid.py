@@ -90,7 +90,7 @@ def test_it_grows_in_every_direction_and_keeps_what_it_knew(grid):
     poses = [np.array([x, y, 0.0]) for x, y in ((0, 0), (300, 0), (-200, 50), (0, -400))]
     ends = np.array([[p[0] + 2.05, p[1] + 0.05] for p in poses])
     for pose in poses:
-        chart.update(scan([2.05]), pose + [0, 0.05, 0])
+        chart.update(scan([2.05]), pose + np.array([0, 0.05, 0]))
     assert np.all(chart.occupancy(ends) > 0.4)
     assert chart.nbytes < 30 * 64 * 64 + chart.cells[0].directory.nbytes
 
