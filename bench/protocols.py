@@ -46,8 +46,8 @@ def lds03_turn(random: np.random.Generator) -> bytes:
 
 
 def opencr_answers(random: np.random.Generator) -> bytes:
-    """Per cycle: the sensor block, the motor block, an acknowledged command and heartbeat."""
-    cycle = [dxl.status(opencr.DEVICE, 0, random.bytes(n)) for n in (52, 28, 0, 0)]
+    """Per cycle: the block from clock to encoders, an acknowledged command and heartbeat."""
+    cycle = [dxl.status(opencr.DEVICE, 0, random.bytes(n)) for n in (134, 0, 0)]
     return b"".join(cycle)
 
 
