@@ -10,6 +10,7 @@ from knotwork.core.errors import DriverError
 from knotwork.core.protocols import opencr as table
 from knotwork.core.protocols.registers import Register, span
 
+_FIRST_PATIENCE = 0.3  # s; the host is busy while a run starts
 _WHEELS = (*table.PRESENT_CURRENT, *table.PRESENT_VELOCITY, *table.PRESENT_POSITION)
 _INERTIAL = (*table.ANGULAR_VELOCITY, *table.LINEAR_ACCELERATION, *table.MAGNETIC, *table.ORIENTATION)
 _BATTERY = (table.BATTERY_VOLTAGE, table.BATTERY_PERCENTAGE)
@@ -90,7 +91,7 @@ class Board:
             It is another device, or its motors are missing.
         NoAnswer
         """
-        answer = self.bus.ping(table.DEVICE)
+        answer = self.bus.ping(table.DEVICE, _FIRST_PATIENCE)
         where = self.bus.port.path
         if answer is None:
             raise DriverError(
