@@ -24,6 +24,7 @@ BUILTINS = (
     "knotwork.plugins.policies.follow_path",
     "knotwork.plugins.policies.single_point",
     "knotwork.plugins.policies.visual_servo",
+    "knotwork.plugins.policies.teleop_gamepad",
     "knotwork.plugins.policies.teleop_keyboard",
     "knotwork.plugins.sinks.map_export",
     "knotwork.plugins.sinks.map_image",

@@ -114,6 +114,10 @@ class TestCanBase(Emulated, DriverSuite):
         return {"interface": "virtual", "channel": self.channel}
 
 
+class TestTeleopGamepad(PolicySuite):
+    plugin = "teleop-gamepad"
+
+
 class TestTeleopKeyboard(PolicySuite):
     plugin = "teleop-keyboard"
 

@@ -14,6 +14,7 @@ from knotwork.plugins.observers.ekf.filter import Triangle
 from knotwork.plugins.observers.ekf.model import SECOND, Model
 
 _TRIM_AT = 256
+_SWEEP = SECOND // 4  # [ns] that a scan takes at most
 
 
 class History:
@@ -86,7 +87,7 @@ class History:
     # --- what is asked ------------------------------------------------------------------------------
 
     def at(self, time: int) -> tuple[State, Pose2, bool]:
-        """Return state, body twist and whether the state is weak at a time; changes nothing."""
+        """Return state, body twist from then on and whether the state is weak at a time; changes nothing."""
         entries = self.entries
         model = self.model
         at = len(entries) - 1
@@ -111,6 +112,7 @@ class History:
                 state = model.moved(entry, odom, part, time, knot, follower)
             late = follower is None and time - knot.time > self._gap
             twist = follower.twist if follower and time > knot.time else IDENTITY if late else knot.twist
+            twist = self._mean_twist(at, model.odometry_at(knot, follower, time)[0], time) or twist
         most, most_turn = self._c.weak_motion
         return state, twist, late or state.weak or state.moved > most or state.turned > most_turn
 
@@ -187,6 +189,24 @@ class History:
             fix.odom, fix.part = self.model.odometry_at(knot, follower, fix.time)
             state = self.model.moved(before, fix.odom, fix.part, fix.time, knot, follower)
         fix.state = self.model.corrected(state, fix, steady=knot.odom is None)
+
+    def _mean_twist(self, at: int, odom: Pose2, time: int) -> Pose2 | None:
+        """Return the mean body twist after a time, as far as odometry after entry `at` tells it.
+
+        That is the motion by which a scan that begins then is skewed; the twist of one odometry message is
+        noisier, and older than most of the scan.
+        """
+        last: Knot | None = None
+        for entry in self.entries[at + 1 :]:
+            if isinstance(entry, Fix):
+                continue
+            if entry.jump or entry.odom is None or entry.time - time > _SWEEP:
+                break
+            last = entry
+        if last is None or last.time - time < self._window[0]:
+            return None
+        motion = log(relative(odom, cast(Pose2, last.odom)))
+        return self.model.plausible(scaled(motion, SECOND / (last.time - time)))
 
     def _twist(self, knot: Knot) -> Pose2:
         """Return the body twist up to a new knot, no motion where times do not allow to tell it."""
