@@ -26,7 +26,7 @@ from knotwork.core.evaluation.tum import StampedPoses, read_tum
 
 _DIRTY = ["--drop-bytes", "lidar=0.01", "--flip-bits", "lidar=0.001", "--drop-bytes", "base=0.001"]
 _KNOTWORK = [sys.executable, "-c", "import sys; from knotwork.core.cli.main import main; sys.exit(main())"]
-_START = 8.0  # s that the run may take before the robot moves
+_START = 30.0  # s that the run may take before the robot moves: loading, calibrating the gyro
 
 
 def errors(estimate: StampedPoses, truth: StampedPoses) -> np.ndarray:
@@ -62,6 +62,8 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         ]  # fmt: skip
         pipeline = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         _wait(pipeline, arguments, folder)
+        if pipeline.poll() is not None:
+            raise SystemExit(f"the run has ended by itself, exit code {pipeline.returncode}")
         ended = epoch()
         pipeline.send_signal(signal.SIGINT)
         _, status, used = os.wait4(pipeline.pid, 0)

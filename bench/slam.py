@@ -3,6 +3,8 @@
     python bench/slam.py LOG [--relations FILE] [--limit N] [--every N] [--set map.sigma=0.2] ...
 
 Runs log driver, prior, map and localiser in a loop without the runtime, so that the figures are theirs.
+Times are the thread's processor time, stated also as multiples of what the surface kernel of
+`knotwork.core.splines` takes for value and gradient at 1040 points, timed between scans of the same run.
 """
 
 import argparse
@@ -20,6 +22,7 @@ from knotwork.core.evaluation.relations import read_relations, score_relations
 from knotwork.core.evaluation.tum import StampedPoses
 from knotwork.core.messages import Message, Odometry, Pose, Scan
 from knotwork.core.registry import Registry
+from knotwork.core.splines import Surface
 
 
 @dataclass
@@ -71,18 +74,45 @@ def build(registry: Registry, plugin: str, **keys: Any) -> tuple[Any, Bench]:
     return registry.load(manifest)(context), context
 
 
-def run(log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int) -> dict[str, Any]:
+class Yardstick:
+    """The surface kernel at 1040 points as a scan sees them: value and both partials, results allocated."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(0)
+        self.surface = Surface.from_control(rng.standard_normal((203, 203)), 0.05, origin=(0.0, 0.0))
+        angle = np.linspace(0, 2 * np.pi, 1040, endpoint=False)
+        ranges = 4.0 + np.cumsum(rng.normal(0, 0.02, 1040))
+        self.points = 5.0 + ranges[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
+        self.points = self.points.clip(0.1, 9.9)
+        self.surface.with_gradient(self.points)
+        self.times: list[int] = []
+
+    def measure(self) -> None:
+        for _ in range(5):
+            start = time.thread_time_ns()
+            self.surface.with_gradient(self.points)
+            self.times.append(time.thread_time_ns() - start)
+
+    def milliseconds(self) -> float:
+        return float(np.median(self.times)) / 1e6
+
+
+def run(
+    log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int, plugin: str = "spline-surface"
+) -> dict[str, Any]:
     registry = Registry(third_parties=False)
     driver, _ = build(registry, "carmen", path=str(log), **settings.get("log", {}))
     prior, _ = build(registry, "ekf", **settings.get("prior", {}))
-    chart, chart_context = build(registry, "spline-surface", **settings.get("map", {}))
+    chart, chart_context = build(registry, plugin, **settings.get("map", {}))
     localizer, context = build(registry, "gauss-newton", **settings.get("localizer", {}))
     context.uses = {"map": chart, "prior": prior}
     contexts = [prior.context, chart_context, context]
     for node in (prior, chart, localizer):
         node.warm()
+        node.open()
     poses, stamps, quality, totals = [], [], [], []
     seen = newest = 0
+    yardstick = Yardstick()
     started = time.perf_counter()
     for _port, message in driver.events():
         newest = max(newest, message.stamp)
@@ -105,6 +135,8 @@ def run(log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int) 
             poses.append(pose.pose)
             stamps.append(sealed.stamp)
             quality.append((pose.quality, pose.lost))
+            if len(poses) % 100 == 0:
+                yardstick.measure()
             if limit and len(poses) >= limit:
                 break
     wall = time.perf_counter() - started
@@ -122,6 +154,7 @@ def run(log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int) 
         "map": chart,
         "wall": wall,
         "total": ms(totals),
+        "yardstick": yardstick.milliseconds() if yardstick.times else float("nan"),
         "times": {k: ms(v) for k, v in context.times.items()},
         "statistics": localizer.statistics(),
         "prior_counts": prior.context.counts,
@@ -137,9 +170,12 @@ def show(result: dict[str, Any], relations: Path | None) -> None:
         f"p50 {np.nanpercentile(quality[:, 0], 50):.2f}, no information {int(np.isnan(quality[:, 0]).sum())}, "
         f"{result['statistics']}, prior {result['prior_counts']}"
     )
+    unit = result["yardstick"]
+    print(f"  surface kernel at 1040 points, value and gradient: {unit:.4f} ms, 1 x")
     for name, t in {"localizer": result["total"], **result["times"]}.items():
         print(
-            f"  {name:10s} n {t['n']:6d} mean {t['mean']:.3f} p95 {t['p95']:.3f} ms, {t['sum_per_scan']:.3f} ms a scan"
+            f"  {name:10s} n {t['n']:6d} mean {t['mean']:.3f} ms ({t['mean'] / unit:.1f} x) "
+            f"p95 {t['p95']:.3f} ms ({t['p95'] / unit:.1f} x), {t['sum_per_scan']:.3f} ms a scan"
         )
     if relations is not None:
         score = score_relations(StampedPoses(result["stamps"], result["poses"]), read_relations(relations))
@@ -155,6 +191,7 @@ def show(result: dict[str, Any], relations: Path | None) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("log", type=Path)
+    parser.add_argument("--map", default="spline-surface", help="plugin")
     parser.add_argument("--relations", type=Path)
     parser.add_argument("--limit", type=int, default=0, help="scans")
     parser.add_argument("--every", type=int, default=1, help="only each so manieth scan")
@@ -166,7 +203,7 @@ def main() -> None:
         key, _, value = item.partition("=")
         node, _, name = key.partition(".")
         settings.setdefault(node, {})[name] = json.loads(value)
-    result = run(arguments.log, settings, arguments.limit, arguments.every)
+    result = run(arguments.log, settings, arguments.limit, arguments.every, arguments.map)
     relations = arguments.relations
     beside = arguments.log.with_name(arguments.log.name.replace(".clf", ".relations"))
     if relations is None and beside != arguments.log and beside.exists():

@@ -152,24 +152,26 @@ def one_point(libraries: list[type[Library]], budget: float, rounds: int) -> dic
     return {name: 1e6 * value for name, value in race(calls, budget, rounds).items()}
 
 
-def start_up() -> tuple[float, float]:
-    """Return the time [s] of import and first evaluation in a new process: kernels compiled, kernels cached."""
-    code = (
-        "import time; t = time.perf_counter()\n"
-        "from knotwork.core.splines import Surface\n"
-        "Surface().with_gradient([[0.0, 0.0]])\nprint(time.perf_counter() - t)"
-    )
+def start_up() -> list[float]:
+    """Return wall and processor time [s] of import and first evaluation in a new process: compiling, cached.
+
+    The last two are of `import numba` alone.
+    """
+    ours = "from knotwork.core.splines import Surface\nSurface().with_gradient([[0.0, 0.0]])"
+    frame = "import time; t = time.perf_counter()\n{}\nprint(time.perf_counter() - t, time.process_time())"
     import os
 
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        times = []
-        for _ in range(4):
-            done = subprocess.run(
-                [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-            )
-            times.append(float(done.stdout))
-    return times[0], min(times[1:])
+
+        def measured(code: str) -> list[float]:
+            call = [sys.executable, "-c", frame.format(code)]
+            done = subprocess.run(call, env=environment, capture_output=True, text=True, check=True)
+            return [float(value) for value in done.stdout.split()]
+
+        first = measured(ours)
+        cached, numba = ([measured(code) for _ in range(5)] for code in (ours, "import numba"))
+    return first + [min(column) for runs in (cached, numba) for column in zip(*runs, strict=True)]
 
 
 def markdown(table: Table, columns: list[str], title: str) -> str:
@@ -231,14 +233,17 @@ def report(result: dict) -> str:
     thesis = result["tables"]["surface_d"][Thesis.name][2]
     arithmetic = 1e6 * 1040 * 140 / result["flops"]
     memory = 1e6 * 1040 * 6 * 64 / result["bandwidth"]
-    cold, warm = result["start"]
+    cold, cold_cpu, warm, warm_cpu, numba, numba_cpu = result["start"]
     lines.append(
         f"\nBounds of this machine for surface and partials at 1040 points: arithmetic {arithmetic:.1f} us "
         f"(140 flops a point at {result['flops'] / 1e9:.0f} Gflop/s, one core), memory {memory:.1f} us if nothing "
         f"is cached (six lines a point at {result['bandwidth'] / 1e9:.0f} GB/s); ours {ours:.1f} us, "
         f"{thesis / ours:.1f} times faster than the thesis's way."
     )
-    lines.append(f"Import and first evaluation: {warm:.2f} s with cached kernels, {cold:.1f} s compiling.")
+    lines.append(
+        f"Import and first evaluation, wall (processor) time: {warm:.2f} ({warm_cpu:.2f}) s with cached kernels, of it "
+        f"{numba:.2f} ({numba_cpu:.2f}) s `import numba`; {cold:.1f} ({cold_cpu:.1f}) s compiling."
+    )
     for name, why in result["missing"].items():
         lines.append(f"Not here: {name} ({why}).")
     return "\n".join(lines)

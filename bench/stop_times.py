@@ -31,6 +31,7 @@ _PROGRAM = (
 _PIPELINE = "pipeline: stop\nnodes:\n{nodes}  drive: {{plugin: steady-drive, {drive}}}\n"
 _BASES = {"opencr": "plugin: opencr, calibrate_gyro: false", "dynamixel": "plugin: dynamixel-wheels"}
 _CRUISE = 0.5  # s at full speed before the failure
+_ATTEMPTS = 3
 _SPEED = 0.19  # m/s that count as full speed
 
 
@@ -146,6 +147,17 @@ def _fail(case: Case, robot: Robot, process: "subprocess.Popen[bytes]", out: Pat
     return robot.unplug(part) if deed == "unplugged" else robot.stall(part)  # type: ignore[arg-type]
 
 
+def _measured(case: Case, seed: int) -> float:
+    """Measure, again when a busy machine did not let the robot drive before the failure."""
+    for attempt in range(_ATTEMPTS):
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                return measure(case, Path(folder), seed)
+        except DroveOff as why:
+            print(f"{why}; attempt {attempt + 1} of {_ATTEMPTS}", file=sys.stderr, flush=True)
+    raise DroveOff(f"{case.name}: no attempt succeeded")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("case", nargs="*", help="words of the names of the cases (default: all)")
@@ -158,8 +170,7 @@ def main() -> int:
             continue
         times = []
         for seed in range(arguments.repeat):
-            with tempfile.TemporaryDirectory() as folder:
-                times.append(measure(case, Path(folder), seed))
+            times.append(_measured(case, seed))
         late |= max(times) > case.limit
         print(
             f"{case.failure:<18}{case.base:<12}{statistics.median(times):>9.2f}{max(times):>9.2f}{case.limit:>9.2f}"

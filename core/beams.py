@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotwork.core.kernel import kernel
+from knotwork.core.kernel import inlined, kernel
 from knotwork.core.messages import F64, Scan
 
 Array = NDArray[Any]
@@ -167,3 +167,17 @@ def fill_normals(points: Array) -> None:
             per = 1.0 / math.sqrt(nx * nx + ny * ny)
             points[k, 2] = nx * per
             points[k, 3] = ny * per
+
+
+@inlined
+def across(points: Array, k: int, c: float, s: float, gx: float, gy: float) -> tuple[float, float]:
+    """Return the part of a gradient across the surface that point `k` lies on; all of it without a normal.
+
+    `points` are those of `Beams`; `c` and `s` are cosine and sine of the robot's yaw in the map.
+    """
+    if points[k, 2] == 0.0 and points[k, 3] == 0.0:
+        return gx, gy
+    nx = c * points[k, 2] - s * points[k, 3]
+    ny = s * points[k, 2] + c * points[k, 3]
+    g = gx * nx + gy * ny
+    return g * nx, g * ny

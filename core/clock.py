@@ -7,9 +7,8 @@ _IMPORTED = time.monotonic_ns()
 _EPOCH_OFFSET = time.time_ns() - time.monotonic_ns()
 
 
-def monotonic() -> int:
-    """Return a monotone clock [ns]; for durations and time-outs."""
-    return time.monotonic_ns()
+monotonic = time.monotonic_ns
+"""Monotone clock [ns], for durations and time-outs."""
 
 
 def epoch() -> int:

@@ -177,6 +177,10 @@ class Map(Node, ABC):
     def rasterize(self, resolution: float | None = None) -> tuple[NDArray[np.int8], float, tuple[float, float, float]]:
         """Return cells, resolution and origin as in `messages.Grid`."""
 
+    def outlines(self) -> list[F64] | None:
+        """Return what the map knows of walls as polylines (n, 2) [m]; None if it holds no lines."""
+        return None
+
     @property
     @abstractmethod
     def nbytes(self) -> int:

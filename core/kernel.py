@@ -3,10 +3,8 @@
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from numba import njit
-from numba.core import config
-
 from knotwork.core import kernel_cache
+from knotwork.core.lean_numba import config, njit
 
 F = TypeVar("F", bound=Callable[..., object])
 

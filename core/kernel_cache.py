@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from numba.core import event
+from knotwork.core.lean_numba import event
 
 _PACKAGE = __name__.partition(".")[0]
 _log = logging.getLogger(f"{_PACKAGE}.kernels")

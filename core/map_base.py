@@ -59,7 +59,11 @@ class PlaneMap(Map):
 
     def save(self, path: Path) -> None:
         """Write a map file; KnotworkError if it cannot be written."""
-        write_map(path, self.kind, self.version, *self.stored())
+        facts, arrays = self.stored()
+        own = {"config": self.config.model_dump(mode="json", exclude={"load", "save"})}
+        if self.context.options is not None:
+            own["options"] = self.context.options.model_dump(mode="json")
+        write_map(path, self.kind, self.version, facts | own, arrays)
 
     def load(self, path: Path) -> None:
         """Replace the map by a file's.
@@ -67,7 +71,7 @@ class PlaneMap(Map):
         Raises
         ------
         InputError
-            Missing, damaged, another plugin's, or made with other knots or cells than the config's.
+            Missing, damaged, another plugin's, or made with other knots, cells or clamp than the config's.
         """
         facts, arrays = read_map(path, self.kind, self.version)
         try:
@@ -77,6 +81,12 @@ class PlaneMap(Map):
                     f"was made with resolution {resolution}, the config says {list(self.config.resolution)}",
                     where=str(path),
                     hint="set `resolution` of the map to that of the file",
+                )
+            if "clamp" in facts and not np.isclose(float(facts["clamp"]), self.config.clamp, rtol=1e-12):
+                raise InputError(
+                    f"was made with clamp {facts['clamp']}, the config says {self.config.clamp}",
+                    where=str(path),
+                    hint="set `clamp` of the map to that of the file",
                 )
             self.restore(facts, arrays)
         except (KeyError, ValueError, TypeError, IndexError) as error:

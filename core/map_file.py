@@ -54,6 +54,34 @@ def read_map(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Array
     InputError
         If the file is missing, no map file, damaged, or another map's.
     """
+    found, number, facts, archive = _parse(path)
+    where = str(path)
+    if found != kind or number > version:
+        raise InputError(
+            f"holds a {found} map of version {number}, expected {kind} up to {version}",
+            where=where,
+            hint="load it with the plugin that saved it",
+        )
+    try:
+        with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
+            return facts, {name: arrays[name] for name in arrays.files}
+    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"is not a whole map file ({error})", where=where) from error
+
+
+def describe_map(path: Path) -> tuple[str, int, dict[str, Any]]:
+    """Return the plugin that saved a map file, the version of what it stores, and its facts.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, no map file or damaged.
+    """
+    return _parse(path)[:3]
+
+
+def _parse(path: Path) -> tuple[str, int, dict[str, Any], bytes]:
+    """Return kind, version, facts and archive of a file whose checksum is right."""
     where = str(path)
     try:
         data = path.read_bytes()
@@ -69,14 +97,6 @@ def read_map(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Array
     try:
         start = 4 + int.from_bytes(body[:4], "little")
         header = json.loads(body[4:start])
-        found, number, facts = str(header["kind"]), int(header["version"]), dict(header["facts"])
-        if found != kind or number > version:
-            raise InputError(
-                f"holds a {found} map of version {number}, expected {kind} up to {version}",
-                where=where,
-                hint="load it with the plugin that saved it",
-            )
-        with np.load(io.BytesIO(body[start:]), allow_pickle=False) as archive:
-            return facts, {name: archive[name] for name in archive.files}
-    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        return str(header["kind"]), int(header["version"]), dict(header["facts"]), body[start:]
+    except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"is not a whole map file ({error})", where=where) from error

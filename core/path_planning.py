@@ -9,23 +9,17 @@ push with growing force; once it is clear they bind, the path so far satisfies t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotwork.core.errors import InputError, KnotworkError
+from knotwork.core.obstacle import Obstacle
 from knotwork.core.splines import Curve, UniformBasis
 
+__all__ = ["Obstacle", "clearance_of", "plan_path"]
+
 F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Obstacle:
-    """The convex hull of `points` (k, 2) [m] grown by `radius` [m]: a disc, a wall, a polygon."""
-
-    points: F64
-    radius: float = 0.0
 
 
 def plan_path(
@@ -101,12 +95,14 @@ def plan_path(
 
 def clearance_of(curve: Curve, obstacles: Sequence[Obstacle]) -> float:
     """Return a distance [m] that the whole path certainly keeps from all obstacles (from the hulls, not samples)."""
-    gaps = [
-        _separation(hull, np.asarray(o.points, np.float64).reshape(-1, 2))[0] - o.radius
-        for hull in _hulls(curve)
-        for o in obstacles
-    ]
-    return min(gaps, default=np.inf)
+    hulls = _hulls(curve)
+    least = np.inf
+    for hull, bounds in zip(hulls, _bounds(hulls, obstacles), strict=True):
+        for o, bound in zip(obstacles, bounds.tolist(), strict=True):
+            if bound < least:
+                gap = _separation(hull, np.asarray(o.points, np.float64).reshape(-1, 2))[0] - o.radius
+                least = min(least, gap)
+    return least
 
 
 def _along(way: F64, spacing: float) -> Curve:
@@ -136,8 +132,10 @@ def _lines(curve: Curve, shapes: list[Obstacle], reach: float) -> tuple[F64, F64
     """Return rows G and h of the conditions G x >= h on control points x = (x0, y0, x1, y1, ...)."""
     rows, right = [], []
     n = curve.control.size
-    for first, hull in enumerate(_hulls(curve)):
-        for shape in shapes:
+    hulls = _hulls(curve)
+    near = _bounds(hulls, shapes) <= reach
+    for first, hull in enumerate(hulls):
+        for shape in (shapes[k] for k in np.flatnonzero(near[first])):
             gap, normal = _separation(hull, shape.points)
             if gap > shape.radius + reach:
                 continue
@@ -154,6 +152,18 @@ def _lines(curve: Curve, shapes: list[Obstacle], reach: float) -> tuple[F64, F64
                 rows.append(row)
                 right.append(least)
     return np.array(rows).reshape(-1, n), np.array(right)
+
+
+def _bounds(hulls: F64, shapes: Sequence[Obstacle]) -> F64:
+    """Return lower bounds (pieces, shapes) of the distances of hulls from shapes: from circles about both."""
+    points = [np.asarray(shape.points, np.float64).reshape(-1, 2) for shape in shapes]
+    middles = np.array([p.mean(axis=0) for p in points]).reshape(-1, 2)
+    sizes = np.array([np.linalg.norm(p - p.mean(axis=0), axis=1).max() for p in points])
+    sizes += np.array([shape.radius for shape in shapes])
+    centres = hulls.mean(axis=1)
+    spans = np.linalg.norm(hulls - centres[:, None], axis=2).max(axis=1)
+    apart = np.linalg.norm(centres[:, None] - middles, axis=2)
+    return np.asarray(apart - spans[:, None] - sizes)
 
 
 def _separation(a: F64, b: F64) -> tuple[float, F64]:

@@ -45,7 +45,7 @@ class Record:
 
 
 class Registry:
-    """All plugins installed here, by name."""
+    """All plugins installed here, by name; of the built-in ones only those asked for are imported."""
 
     def __init__(self, builtins: Iterable[str] | None = None, third_parties: bool = True) -> None:
         self.hooks = pluggy.PluginManager(PROJECT)
@@ -53,14 +53,13 @@ class Registry:
         self._records: dict[str, Record] = {}
         if builtins is None:
             builtins = importlib.import_module("knotwork.plugins").BUILTINS
-        version = importlib.import_module("knotwork").__version__
-        for module in builtins:
-            self._discover(module.rpartition(".")[2].replace("_", "-"), module, f"knotwork {version}")
+        self._unread = {module.rpartition(".")[2].replace("_", "-"): module for module in builtins}
         for point in sorted(entry_points(group=GROUP), key=lambda p: p.name) if third_parties else ():
             self._discover(point.name, point, _distribution(point))
 
     def records(self, kind: str | None = None) -> list[Record]:
         """Return all records of a kind (all kinds without one), in the order of kinds, then names."""
+        self._read_all()
         order = {k: i for i, k in enumerate((*KINDS, "?"))}
         chosen = [r for r in self._records.values() if kind is None or r.kind == kind]
         return sorted(chosen, key=lambda r: (order[r.kind], r.name))
@@ -71,16 +70,19 @@ class Registry:
 
     def record(self, name: str) -> Record | None:
         """Return what is known of a plugin."""
+        self._read(name)
+        if name not in self._records:  # a module may hold others than the one it is named after
+            self._read_all()
         return self._records.get(name)
 
     def find(self, name: str) -> Manifest | None:
         """Return a manifest if the plugin can be used."""
-        record = self._records.get(name)
+        record = self.record(name)
         return record.manifest if record is not None and not record.cause else None
 
     def why_not(self, name: str) -> str:
         """Return why a plugin cannot be used."""
-        record = self._records.get(name)
+        record = self.record(name)
         return record.cause if record is not None else ""
 
     def load(self, manifest: Manifest) -> type[Any]:
@@ -96,6 +98,7 @@ class Registry:
 
     def nearest(self, name: str) -> str:
         """Return a hint that names the closest plugin, or how to list them."""
+        self._read_all()
         close = difflib.get_close_matches(name, self._records, n=1)
         return f"did you mean {close[0]!r}?" if close else "`knotwork plugins` lists them"
 
@@ -104,6 +107,7 @@ class Registry:
         cause = _unusable(manifest)
         missing = not cause and (cause := _missing(manifest)) != ""
         kind = manifest.kind if manifest.kind in KINDS else "?"
+        self._read(manifest.name)
         known = self._records.get(manifest.name)
         if known is not None:
             cause, missing = f"the name {manifest.name!r} is taken by {known.distribution}", False
@@ -112,9 +116,20 @@ class Registry:
 
     def _keep(self, record: Record) -> None:
         """Put a record under its name, or under a name that says whose it is when that is taken."""
+        self._read(record.name)
         if record.name in self._records:
             record = replace(record, name=f"{record.name} ({record.distribution})")
         self._records[record.name] = record
+
+    def _read(self, name: str) -> None:
+        """Import the manifest of a built-in plugin, if that has not been done."""
+        module = self._unread.pop(name, None)
+        if module is not None:
+            self._discover(name, module, f"knotwork {importlib.import_module('knotwork').__version__}")
+
+    def _read_all(self) -> None:
+        for name in list(self._unread):
+            self._read(name)
 
     def _discover(self, name: str, source: str | EntryPoint, distribution: str) -> None:
         path = source if isinstance(source, str) else source.value

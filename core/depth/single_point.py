@@ -69,12 +69,14 @@ def largest_share(
 
 @kernel
 def single_point_command(
-    variant: int, x: float, y: float, chi: float, px: float, py: float, v_max: float, w_max: float, memory: F64, u: F64
-) -> float:
+    variant: int, x: float, y: float, chi: float, px: float, py: float, v_max: float, w_max: float, near: float,
+    memory: F64, u: F64,
+) -> float:  # fmt: skip
     """Write the twist u (6,) for a point at (x, y) with inverse depth chi that should move with pi; return lambda_pi.
 
     `variant` is SPICA14 (fixed sideways direction, (9.2)), VARYING_DEPTH (J_l w <= 0, (9.3)-(9.32)) or
-    CONSTANT_DEPTH (J_l w = 0, (9.33)-(9.35)). `memory` (2,) keeps the last image velocity of the translation.
+    CONSTANT_DEPTH (J_l w = 0, (9.33)-(9.35)). `memory` (2,) keeps the last image velocity of the translation;
+    `near` is NEAR_GOAL.
     """
     u[:] = 0.0
     size = math.sqrt(x * x + y * y)
@@ -88,7 +90,7 @@ def single_point_command(
         if r > _SHARE * w_max:
             r = _SHARE * w_max
         speed = math.sqrt(px * px + py * py)
-        if variant == VARYING_DEPTH and speed > NEAR_GOAL and (speed - r) * (x * px + y * py) < 0.0:
+        if variant == VARYING_DEPTH and speed > near and (speed - r) * (x * px + y * py) < 0.0:
             vx, vy = px / speed, py / speed  # (9.8): both along pi; J_l w has the sign of the condition
             turn = min(speed - r, w_max)
             share = min((turn + r) / speed, 1.0)
@@ -107,11 +109,11 @@ def single_point_command(
     u[3] = radial * ey + around * ex
     u[4] = -radial * ex + around * ey
     rate = math.sqrt(u[3] * u[3] + u[4] * u[4])
-    if rate > w_max:
+    if rate > w_max * (1.0 - 1e-15):  # rounding is the caller's too
         u[3] *= w_max * (1.0 - 4e-16) / rate
         u[4] *= w_max * (1.0 - 4e-16) / rate
     rate = math.sqrt(u[0] * u[0] + u[1] * u[1])
-    if rate > v_max:
+    if rate > v_max * (1.0 - 1e-15):
         u[0] *= v_max * (1.0 - 4e-16) / rate
         u[1] *= v_max * (1.0 - 4e-16) / rate
     return share

@@ -11,6 +11,7 @@ from knotwork.core.devices.errors import DeviceLost
 from knotwork.core.errors import DriverError
 
 _CHUNK = 4096
+_MOST = 1 << 16
 _WRITE_TIMEOUT = 0.5  # s
 
 
@@ -58,6 +59,13 @@ class SerialPort:
             raise DeviceLost(_why(self.path, error)) from error
         if not data:
             raise DeviceLost("unplugged")
+        return data
+
+    def read_all(self, timeout: float, also: Sequence[int] = ()) -> bytes:
+        """Return all that has arrived, as `read` waits for it; the terminal hands out no more than 4 kB at a time."""
+        data = self.read(timeout, also)
+        while data and len(data) < _MOST and (more := self.read(0.0)):
+            data += more
         return data
 
     def write(self, data: bytes) -> None:

@@ -13,6 +13,8 @@ from knotwork.core.protocols import lds01, lds02, lds03
 from knotwork.core.world.lidar import SimulatedLidar
 from knotwork.core.world.parameters import LidarParameters
 
+_SLEPT = 50_000_000  # ns
+_FORGOTTEN = 900_000_000  # ns; the robot's path before that is not known any more
 _WOBBLE, _WOBBLE_PERIOD = 0.003, 7.0  # relative speed error of the motor, its period [s]
 
 
@@ -66,11 +68,14 @@ class Lidar(ABC):
 
     def run(self, now: int) -> None:
         """Send the packets that are complete by `now` [ns]."""
-        while self.running and self.line.plugged and self._ends() + self._on_the_wire() <= now:
-            if now - self._time > 1_000_000_000:  # the process slept: the robot's path then is forgotten
+        while self.running and self.line.plugged and (late := now - self._ends() - self._on_the_wire()) >= 0:
+            if late > _FORGOTTEN:
                 self._time = now
                 return
-            self.line.send(self._packet(), now)
+            packet = self._packet()
+            # A device keeps time whatever its host does: what this process has slept through is lost, not late.
+            if late < _SLEPT:
+                self.line.send(packet, now)
         self._robot.motion.forget(min(self._time, now))
 
     def receive(self, data: bytes, now: int) -> None:  # noqa: B027

@@ -1,13 +1,12 @@
 """An emulated TurtleBot3: lidar and base on pseudo-terminals, a body in a simulated world."""
 
-import shutil
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Self
 
 from knotwork.core.clock import epoch
+from knotwork.core.emulator.folder import LinkFolder
 from knotwork.core.emulator.lidars import Lds01, Lds02, Lds03, Lidar
 from knotwork.core.emulator.line import Line
 from knotwork.core.emulator.loop import Loop
@@ -127,10 +126,14 @@ class TurtleBot3:
                 f"its radius is {body.radius} m"
             )
         self._watch = Watch(self.robot, settings.truth, settings.truth_frame, settings.events)
-        self._own_folder = settings.folder is None
+        self._own_folder: LinkFolder | None = None
         try:
-            self.folder = Path(tempfile.mkdtemp(prefix="knotwork-")) if settings.folder is None else settings.folder
-            self.folder.mkdir(parents=True, exist_ok=True)
+            if settings.folder is None:
+                self._own_folder = LinkFolder()
+                self.folder = self._own_folder.path
+            else:
+                self.folder = settings.folder
+                self.folder.mkdir(parents=True, exist_ok=True)
             self._lines: dict[str, Line] = {
                 "lidar": Line(self.folder / _LINKS["lidar"], generator(settings.seed, "lidar line")),
                 "base": Line(self.folder / _LINKS[settings.base], generator(settings.seed, "base line")),
@@ -169,8 +172,8 @@ class TurtleBot3:
             for line in self._lines.values():
                 line.close()
             self._watch.close()
-            if self._own_folder:
-                shutil.rmtree(self.folder, ignore_errors=True)
+            if self._own_folder is not None:
+                self._own_folder.remove()
 
     def __enter__(self) -> Self:
         """Start."""

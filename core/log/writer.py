@@ -154,17 +154,14 @@ class McapWriter:
         index = self._index.get(channel)
         if index is None:
             index = self._index[channel] = []
-        index.append(log_time)
-        index.append(self._bytes)
-        self._parts.append(
-            _MESSAGE.pack(5, _MESSAGE_FIXED + size, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
-        )
-        self._parts.append(data)
-        self._bytes += _MESSAGE.size + size
+        index += (log_time, self._bytes)
+        head = _MESSAGE.pack(5, _MESSAGE_FIXED + size, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
+        self._parts += (head, data)
         if log_time < self._chunk_start:
             self._chunk_start = log_time
         if log_time > self._chunk_end:
             self._chunk_end = log_time
+        self._bytes += _MESSAGE.size + size
         if self._bytes >= self._chunk_size:
             self.flush()
 

@@ -20,6 +20,7 @@ BAUD = 230_400  # the manual says 115 200
 START, STOP = bytes.fromhex("AA 55 F0 0F"), bytes.fromhex("AA 55 F5 0A")
 RATE = 10.0  # turns a second
 SAMPLE_RATE = 4000.0  # samples a second
+BYTES_A_SAMPLE = 3.25  # with a header for each forty
 RANGE_MIN, RANGE_MAX = 0.05, 12.0  # m
 
 _HEAD = 10  # bytes before the samples

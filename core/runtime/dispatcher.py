@@ -10,7 +10,7 @@ from typing import Any
 from knotwork.core import clock
 from knotwork.core.errors import NodeError
 from knotwork.core.graph import Stream
-from knotwork.core.messages import Message
+from knotwork.core.messages import Event, Message
 from knotwork.core.runtime.blame import blame, guarded
 from knotwork.core.runtime.inbox import Channel, Inbox
 from knotwork.core.runtime.pace import Pace
@@ -73,22 +73,27 @@ class Dispatcher:
         for each in sources:
             self._pull(each)
         while not self._stop.is_set():
-            source = min((s for s in sources if s.item is not None), key=lambda s: s.time, default=None)
+            source = _earliest(sources)
             if source is None and not live and not self._inbox:
                 return
             event_time = None if source is None else max(source.time, self.time)
-            wait = self._pace.wait(event_time, self.timers.next_due() if self._pace.begun else None)
+            wait = self._pace.wait(event_time, self.timers.next)
             if wait > 0 or self._inbox:
                 self._take(wait)
                 continue
             now = self._pace.now(event_time)
-            self._fire(now if event_time is None else min(now, event_time))
+            until = now if event_time is None else min(now, event_time)
+            if self.timers.next is not None and self.timers.next <= until:
+                self._fire(until)
             if source is not None and event_time is not None and event_time <= now:
                 self._advance(source, event_time, outlet_of)
 
     def close(self) -> None:
-        """Refuse messages from other threads from now on."""
+        """Refuse messages from other threads from now on; of those that wait only events are kept for `drain`."""
         self._inbox.close()
+        while (entry := self._inbox.take(0.0)) is not None:
+            if isinstance(entry.message, Event):
+                self._pending.append((entry.outlet, entry.message))
 
     def drain(self) -> None:
         """Handle everything that is pending, first in, first out, and all it gives rise to."""
@@ -118,7 +123,8 @@ class Dispatcher:
     def _take(self, wait: float) -> None:
         entry = self._inbox.take(wait)
         if entry is not None and entry.message is not None:
-            self._begin(max(self.time, entry.message.stamp))
+            if not isinstance(entry.message, Event):  # a remark may come before there is a measured time
+                self._begin(max(self.time, entry.message.stamp))
             self._event(entry.outlet, entry.message)
 
     def _advance(self, source: Source, time: int, outlet_of: Callable[[str, str], Outlet]) -> None:
@@ -152,3 +158,12 @@ class Dispatcher:
             except Exception as error:
                 raise blame(timer.node, error) from error
             self.drain()
+
+
+def _earliest(sources: list[Source]) -> Source | None:
+    """Return the source whose item comes first, of equals the first in the list."""
+    earliest: Source | None = None
+    for source in sources:
+        if source.item is not None and (earliest is None or source.time < earliest.time):
+            earliest = source
+    return earliest

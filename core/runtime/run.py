@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 RUNTIME = "runtime"  # the node name of the run's own streams
 _STATISTICS_EVERY = 10.0  # s of the run's clock
 _DRAIN_TIMEOUT = 60.0  # s
+_EVENTS = 1000  # reports of other threads that wait to be logged
 _LINES_A_NODE = 20  # printed reports; all of them are in the log
 
 
@@ -79,8 +80,8 @@ class Run:
         self._stopped_by = ""
         rate = 1.0 if rate is None and graph.clock == "real" else rate
         self._dispatcher = Dispatcher(rate, self._stop, monotonic_clocked())
-        self._events = _own("events", "event")
-        self._statistics = _own("statistics", "statistics")
+        self._events = _own("events", "event", Channel(_EVENTS, "drop-oldest"))
+        self._statistics = _own("statistics", "statistics", Channel(1, "latest"))
         self._assembly = Assembly({}, {}, {})
         self._opened: list[str] = []
         self._failure: KnotworkError | None = None
@@ -114,7 +115,10 @@ class Run:
         self._dispatcher.taps.append(call)
 
     def report(self, node: str, level: Level, text: str) -> None:
-        """Print a report and, from the dispatcher's thread, log it as an `event` message."""
+        """Print a report and log it as an `event` message.
+
+        What a sink says from its thread is printed only: logging it would give the sink more to fail at.
+        """
         with self._lock:
             self._errors += level == "error"
             lines = self._lines[node] = self._lines.get(node, 0) + 1
@@ -122,7 +126,7 @@ class Run:
             self._console(node, level, text)
         if lines == _LINES_A_NODE:
             self._console(node, level, "further reports of this node are only in the log")
-        if self._dispatcher.here:
+        if self._dispatcher.here or node not in self._assembly.workers:
             event = Event(stamp=self._dispatcher.time, node=node, level=level, text=text)
             self._dispatcher.emit(self._events, event)
 
@@ -202,6 +206,7 @@ class Run:
             if name not in self._assembly.workers and name != failed:
                 self._on_the_way_out(name, self._assembly.nodes[name].finish)
                 self._on_the_way_out(name, self._dispatcher.drain)
+        self._on_the_way_out(RUNTIME, self._dispatcher.drain)
         if self._opened:
             time, seq = self._dispatcher.time, self._dispatcher.seq
             last = Statistics(stamp=time, data=self.statistics(), final=True).sealed(time, seq)
@@ -231,5 +236,5 @@ class Run:
             self.report(getattr(error, "node", RUNTIME), "error", error.message)
 
 
-def _own(port: str, message: str) -> Outlet:
-    return Outlet(Stream(RUNTIME, port, message, ""), f"{RUNTIME}.{port}", Channel(1, "latest"))
+def _own(port: str, message: str, channel: Channel) -> Outlet:
+    return Outlet(Stream(RUNTIME, port, message, ""), f"{RUNTIME}.{port}", channel)

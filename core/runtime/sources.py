@@ -57,9 +57,16 @@ class Timer:
 
 
 class Timers:
-    """All timers of a run."""
+    """All timers of a run.
+
+    Attributes
+    ----------
+    next
+        When the next one fires [ns]; None before the first event, or without timers.
+    """
 
     def __init__(self) -> None:
+        self.next: int | None = None
         self._timers: list[Timer] = []
 
     def add(self, timer: Timer) -> None:
@@ -70,20 +77,19 @@ class Timers:
         """Count from here [ns]."""
         for timer in self._timers:
             timer.due = time + timer.period
-
-    def next_due(self) -> int | None:
-        """Return the time at which the next timer fires."""
-        return min((t.due for t in self._timers if t.due is not None), default=None)
+        self._plan()
 
     def due(self, time: int) -> Iterator[tuple[int, Timer]]:
         """Yield each firing up to `time`, in order of time, then of registration."""
-        while True:
-            timer = min((t for t in self._timers if t.due is not None and t.due <= time), key=_due, default=None)
-            if timer is None:
-                return
+        while self.next is not None and self.next <= time:
+            timer = min((t for t in self._timers if t.due is not None), key=_due)
             at = _due(timer)
             timer.due = at + timer.period
+            self._plan()
             yield at, timer
+
+    def _plan(self) -> None:
+        self.next = min((t.due for t in self._timers if t.due is not None), default=None)
 
 
 def _due(timer: Timer) -> int:

@@ -1,6 +1,6 @@
 """How long things take: nested spans, and histograms of constant size."""
 
-import math
+from math import log2
 from types import TracebackType
 from typing import Any
 
@@ -24,28 +24,36 @@ class Histogram:
         self.n += 1
         self.total += duration
         self.own += own
-        self.maximum = max(self.maximum, duration)
-        bucket = int(math.log2(duration + 1) * _PER_OCTAVE)
-        self._buckets[bucket] = self._buckets.get(bucket, 0) + 1
+        if duration > self.maximum:
+            self.maximum = duration
+        bucket = int(log2(duration + 1) * _PER_OCTAVE)
+        buckets = self._buckets
+        buckets[bucket] = buckets.get(bucket, 0) + 1
 
     def percentile(self, share: float) -> float:
         """Return the duration [ns] that `share` of all durations do not exceed."""
-        left = share * self.n
-        for bucket in sorted(self._buckets):
-            left -= self._buckets[bucket]
-            if left <= 0:
-                return min(float(2 ** ((bucket + 0.5) / _PER_OCTAVE)), float(self.maximum))
-        return float(self.maximum)
+        return self.percentiles(share)[0]
+
+    def percentiles(self, *shares: float) -> list[float]:
+        """Return the durations [ns] of several shares, given in ascending order."""
+        found: list[float] = []
+        counted = 0
+        for bucket, count in sorted(self._buckets.items()):
+            counted += count
+            while len(found) < len(shares) and counted >= shares[len(found)] * self.n:
+                found.append(min(float(2 ** ((bucket + 0.5) / _PER_OCTAVE)), float(self.maximum)))
+        return found + [float(self.maximum)] * (len(shares) - len(found))
 
     def summary(self) -> dict[str, Any]:
         """Return n and mean, p50, p95, p99, max [ms]."""
         n = max(self.n, 1)
+        p50, p95, p99 = self.percentiles(0.50, 0.95, 0.99)
         return {
             "n": self.n,
             "mean_ms": self.total / n / 1e6,
-            "p50_ms": self.percentile(0.50) / 1e6,
-            "p95_ms": self.percentile(0.95) / 1e6,
-            "p99_ms": self.percentile(0.99) / 1e6,
+            "p50_ms": p50 / 1e6,
+            "p95_ms": p95 / 1e6,
+            "p99_ms": p99 / 1e6,
             "max_ms": self.maximum / 1e6,
             "self_mean_ms": self.own / n / 1e6,
             "total_ms": self.total / 1e6,

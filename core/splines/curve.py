@@ -63,18 +63,20 @@ class Curve:
 
     def __call__(self, tau: ArrayLike) -> F64:
         """Return the points (n, dim) at tau (n,), or (dim,) at one tau; NaN outside the domain."""
-        flat = _flat(tau)
-        if self.basis.degree == 3:
-            out = curve_kernels.cubic_points(self.control, self.basis.origin, self.basis.step, flat)
+        flat, basis = _flat(tau), self.basis
+        if basis.degree == 3:
+            out = np.empty((len(flat), self.control.shape[1]))
+            curve_kernels.cubic_points(self.control, basis.origin, basis.step, flat, out)
         else:
             out = self._derivatives(flat, 0)
         return out if len(flat) != 1 or np.ndim(tau) else out[0]
 
     def with_derivative(self, tau: ArrayLike) -> tuple[F64, F64]:
         """Return points and first derivatives with respect to tau, shaped as by a call."""
-        flat = _flat(tau)
-        if self.basis.degree == 3:
-            out, slopes = curve_kernels.cubic_slopes(self.control, self.basis.origin, self.basis.step, flat)
+        flat, basis = _flat(tau), self.basis
+        if basis.degree == 3:
+            out, slopes = np.empty((len(flat), self.control.shape[1])), np.empty((len(flat), self.control.shape[1]))
+            curve_kernels.cubic_slopes(self.control, basis.origin, basis.step, flat, out, slopes)
         else:
             out, slopes = self._derivatives(flat, 0), self._derivatives(flat, 1)
         return (out, slopes) if len(flat) != 1 or np.ndim(tau) else (out[0], slopes[0])

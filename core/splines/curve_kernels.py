@@ -28,30 +28,26 @@ def within(tau: float, origin: float, step: float, degree: int, m: int) -> tuple
 
 
 @kernel
-def cubic_points(control: Array, origin: float, step: float, tau: Array) -> Array:
-    """Return the points (n, dim)."""
+def cubic_points(control: Array, origin: float, step: float, tau: Array, out: Array) -> None:
+    """Write the points into `out` (n, dim); allocated by the caller, which Python does faster than Numba."""
     m, dim = control.shape
-    out = np.empty((tau.shape[0], dim))
     if dim == 2:
         for k in range(tau.shape[0]):
             i, t = within(tau[k], origin, step, 3, m)
             out[k, 0], out[k, 1], _, _ = plane_point(control, i, t)
-        return out
+        return
     for k in range(tau.shape[0]):
         i, t = within(tau[k], origin, step, 3, m)
         b0, b1, b2, b3 = cubic(t)
         i0, i1, i2, i3 = np.uint64(i), np.uint64(i + 1), np.uint64(i + 2), np.uint64(i + 3)
         for c in range(dim):
             out[k, c] = b0 * control[i0, c] + b1 * control[i1, c] + b2 * control[i2, c] + b3 * control[i3, c]
-    return out
 
 
 @kernel
-def cubic_slopes(control: Array, origin: float, step: float, tau: Array) -> tuple[Array, Array]:
-    """Return points and first derivatives, (n, dim) each."""
+def cubic_slopes(control: Array, origin: float, step: float, tau: Array, out: Array, slopes: Array) -> None:
+    """Write points and first derivatives into `out` and `slopes`, (n, dim) each."""
     m, dim = control.shape
-    out = np.empty((tau.shape[0], dim))
-    slopes = np.empty((tau.shape[0], dim))
     per_step = 1.0 / step
     if dim == 2:
         for k in range(tau.shape[0]):
@@ -59,7 +55,7 @@ def cubic_slopes(control: Array, origin: float, step: float, tau: Array) -> tupl
             out[k, 0], out[k, 1], dx, dy = plane_point(control, i, t)
             slopes[k, 0] = per_step * dx
             slopes[k, 1] = per_step * dy
-        return out, slopes
+        return
     for k in range(tau.shape[0]):
         i, t = within(tau[k], origin, step, 3, m)
         b0, b1, b2, b3 = cubic(t)
@@ -69,7 +65,6 @@ def cubic_slopes(control: Array, origin: float, step: float, tau: Array) -> tupl
             p0, p1, p2, p3 = control[i0, c], control[i1, c], control[i2, c], control[i3, c]
             out[k, c] = b0 * p0 + b1 * p1 + b2 * p2 + b3 * p3
             slopes[k, c] = per_step * (d0 * p0 + d1 * p1 + d2 * p2 + d3 * p3)
-    return out, slopes
 
 
 @kernel

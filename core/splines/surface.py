@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from knotwork.core.errors import InputError
-from knotwork.core.splines import storage, surface_kernels
+from knotwork.core.splines import batch, storage, surface_kernels
 from knotwork.core.splines.fitting import fit_surface, penalty_terms
 from knotwork.core.splines.knots import even_knots, index_shift
 from knotwork.core.splines.refinement import coarsen_surface, refine_surface
@@ -73,7 +73,9 @@ class Surface:
         """Return values (n,) and partial derivatives (n, 2) at `points` (n, 2), (4.17) mended."""
         rows = _rows(points)
         if self.degree == 3:
-            return surface_kernels.cubic_gradients(*self.control.arrays(), *self._knots, rows)
+            values, gradients = np.empty(len(rows)), np.empty((len(rows), 2))
+            batch.cubic_gradients(*self.control.arrays(), *self._knots, rows, values, gradients)
+            return values, gradients
         jets = self._jets(rows, 1)
         return jets[:, 0], jets[:, 1:]
 

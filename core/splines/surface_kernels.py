@@ -27,26 +27,6 @@ def cubic_values(
 
 
 @kernel
-def cubic_gradients(
-    pool: Array, directory: Array, oi: int, oj: int, ox: float, oy: float, sx: float, sy: float, points: Array
-) -> tuple[Array, Array]:
-    """Return the values (n,) and the partial derivatives (n, 2)."""
-    n = points.shape[0]
-    values = np.empty(n)
-    gradients = np.empty((n, 2))
-    per_x = 1.0 / sx
-    per_y = 1.0 / sy
-    for k in range(n):
-        mx, tx = locate(points[k, 0], ox, sx)
-        my, ty = locate(points[k, 1], oy, sy)
-        value, gx, gy = cubic_value_gradient(pool, directory, oi, oj, mx - 3, my - 3, tx, ty)
-        values[k] = value
-        gradients[k, 0] = gx * per_x
-        gradients[k, 1] = gy * per_y
-    return values, gradients
-
-
-@kernel
 def cubic_at(
     pool: Array, directory: Array, oi: int, oj: int, ox: float, oy: float, sx: float, sy: float, x: float, y: float
 ) -> tuple[float, float, float]:

@@ -84,3 +84,17 @@ def store_row(builder: Values, data: Values, element: Any, offset: Values, row: 
     size, kind = (4, ir.FloatType()) if element == types.float32 else (8, DOUBLE)
     place = builder.bitcast(builder.gep(data, [offset]), ir.VectorType(kind, 4).as_pointer())
     builder.store(builder.fptrunc(row, ir.VectorType(kind, 4)) if size == 4 else row, place, align=size)
+
+
+def transposed(builder: Values, rows: list[Values]) -> list[Values]:
+    """Return the columns of four vectors."""
+    even, odd = ir.Constant(ir.VectorType(LANE, 4), [0, 4, 2, 6]), ir.Constant(ir.VectorType(LANE, 4), [1, 5, 3, 7])
+    low, high = ir.Constant(ir.VectorType(LANE, 4), [0, 1, 4, 5]), ir.Constant(ir.VectorType(LANE, 4), [2, 3, 6, 7])
+    pairs = [builder.shuffle_vector(rows[k], rows[k + 1], mask) for mask in (even, odd) for k in (0, 2)]
+    return [builder.shuffle_vector(pairs[k], pairs[k + 1], mask) for mask in (low, high) for k in (0, 2)]
+
+
+def interleaved(builder: Values, a: Values, b: Values) -> list[Values]:
+    """Return a0, b0, a1, b1 and a2, b2, a3, b3."""
+    kind = ir.VectorType(LANE, 4)
+    return [builder.shuffle_vector(a, b, ir.Constant(kind, [k, k + 4, k + 1, k + 5])) for k in (0, 2)]

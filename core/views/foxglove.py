@@ -88,7 +88,7 @@ def grid(message: Grid) -> bytes:
             PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
             for offset, name in enumerate(("red", "green", "blue", "alpha"))
         ],
-        data=_COLOURS[np.ascontiguousarray(message.cells).view(np.uint8)].tobytes() if rows * columns else b"",
+        data=_COLOURS.take(np.ascontiguousarray(message.cells).view(np.uint8)).tobytes() if rows * columns else b"",
     )
     view.cell_size.x = view.cell_size.y = message.resolution
     x, y, yaw = message.origin
@@ -155,12 +155,12 @@ def _transform(stamp: int, parent: str, child: str, at: NDArray[np.float64]) -> 
     return wire.stamp(1, stamp) + wire.text(2, parent) + wire.text(3, child) + wire.place(4, 5, *at.tolist())
 
 
-def _colours() -> NDArray[np.uint8]:
-    """Colour (256, 4) of each cell value seen as uint8; -1 and other values out of range are unknown."""
+def _colours() -> NDArray[np.uint32]:
+    """Colour (256,) of each cell value seen as uint8, four bytes in one; -1 and others out of range are unknown."""
     table = np.zeros((256, 4), np.uint8)
     table[:101, :3] = np.linspace(255, 0, 101).round()[:, None]
     table[:101, 3] = 255
-    return table
+    return table.view(np.uint32).reshape(256)
 
 
 _COLOURS = _colours()

@@ -6,6 +6,10 @@ import numpy as np
 
 from knotwork.core.geometry import IDENTITY, Pose2
 from knotwork.core.messages import F64
+from knotwork.core.obstacle import Obstacle
+
+_CHORD = 0.3  # rad; a longer arc is planned around as several chords
+_DISC = 2.0  # m; a smaller circle is a pillar and nobody stands in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,20 @@ class World:
             y.append(self.arcs[:, 1] + sign * self.arcs[:, 2])
         xs, ys = np.concatenate(x), np.concatenate(y)
         return float(xs.min()), float(ys.min()), float(xs.max()), float(ys.max())
+
+    def obstacles(self) -> list[Obstacle]:
+        """Return everything as shapes to plan around, in the world's frame; arcs as chords grown by their sagitta."""
+        shapes = [Obstacle(segment.reshape(2, 2)) for segment in self.segments]
+        for x, y, radius, first, sweep in self.arcs.tolist():
+            if abs(sweep) >= 2 * np.pi - 1e-9 and radius < _DISC:
+                shapes.append(Obstacle(np.array([[x, y]]), radius))
+                continue
+            count = max(int(np.ceil(abs(sweep) / _CHORD)), 1)
+            angle = first + sweep * np.arange(count + 1) / count
+            ends = np.column_stack((x + radius * np.cos(angle), y + radius * np.sin(angle)))
+            sagitta = radius * (1.0 - np.cos(0.5 * abs(sweep) / count))
+            shapes += [Obstacle(ends[k : k + 2], sagitta) for k in range(count)]
+        return shapes
 
 
 def polyline(points: F64, closed: bool = False) -> F64:

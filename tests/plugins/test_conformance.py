@@ -114,6 +114,10 @@ class TestCanBase(Emulated, DriverSuite):
         return {"interface": "virtual", "channel": self.channel}
 
 
+class TestTeleopGamepad(PolicySuite):
+    plugin = "teleop-gamepad"
+
+
 class TestTeleopKeyboard(PolicySuite):
     plugin = "teleop-keyboard"
 
@@ -155,6 +159,35 @@ class TestSplineSurface(MapSuite):
 class TestSplineCurve(MapSuite):
     plugin = "spline-curve"
     options = {"normals": False}  # so that g is the whole gradient of the cost
+class TestGridBilinear(MapSuite):
+    plugin = "grid"
+    options = {"normals": False}
+
+
+class TestGridBicubic(MapSuite):
+    plugin = "grid"
+    config = {"resolution": [0.125, 0.05]}  # cells of 0.3 m move a wall by up to half of that
+    options = {"normals": False, "interpolation": "bicubic"}
+
+
+class TestGp(MapSuite):
+    """Nothing is aligned with this map: what the kit asks of alignments does not apply."""
+
+    plugin = "gp"
+    config = {"resolution": [0.1]}
+    scans = 6
+    test_empty = test_normal_equations = test_gradient = test_costs_agree = test_jacobian = None
+    test_pulls_towards_the_truth = test_fuse_false_changes_nothing = test_update_through_an_alignment = None
+    test_poor_scans = test_save_and_load = test_damaged_file = None  # tests/plugins/maps/test_gp.py
+
+
+class TestTsdf(MapSuite):
+    plugin = "tsdf"
+    options = {"normals": False}
+
+
+class TestMapCommand(CommandSuite):
+    plugin = "map"
 
 
 class TestGaussNewton(LocalizerSuite):

@@ -65,8 +65,9 @@ def doctor(*arguments: str) -> tuple[int, list[dict[str, str]]]:
     [
         ({"firmware": 4}, "LDS-01", "TurtleBot3 Burger, OpenCR firmware 4, battery 12.0 V"),
         ({"base": "dynamixel", "lidar": "lds02"}, "LDS-02", "XL430, id 1"),
+        ({"model": "waffle", "lidar": "lds03", "spin_up": 0.1}, "LDS-03", "TurtleBot3 Waffle, OpenCR firmware 5"),
     ],
-    ids=["burger", "dynamixel"],
+    ids=["burger", "dynamixel", "waffle"],
 )
 def test_the_doctor_recognises_what_is_plugged_in(settings, lidar, base):
     with TurtleBot3(Settings(world="arena", **settings)) as robot:

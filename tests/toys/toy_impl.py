@@ -51,9 +51,11 @@ class Device(Driver):
         self.thread.start()
 
     def work(self) -> None:
+        self.context.report("info", "begun")
         for i in range(20):
             self.context.emit("out", twist(i + 1, float(i)))
         type(self).done()
+        self.context.report("warning", "ended")
 
     def stop(self) -> None:
         self.thread.join()

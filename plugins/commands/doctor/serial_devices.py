@@ -15,7 +15,7 @@ from knotwork.core.devices.dynamixel_bus import DynamixelBus, Refused
 from knotwork.core.devices.errors import DeviceLost, NoAnswer
 from knotwork.core.devices.serial_port import SerialPort
 from knotwork.core.errors import DriverError
-from knotwork.core.protocols import dynamixel, lds01, lds02, opencr, xl430
+from knotwork.core.protocols import dynamixel, lds01, lds02, lds03, opencr, xl430
 from knotwork.core.protocols.framing import StreamParser
 from knotwork.core.protocols.registers import Register
 from knotwork.plugins.commands.doctor.finding import Finding
@@ -178,6 +178,13 @@ def _lidar(path: str) -> Iterator[Finding]:
         if heard:
             turns = heard[-1].speed / 360.0
             yield Finding("ok", path, f"LDS-02, {turns:.1f} Hz", f"lidar: {{plugin: lds02, port: {_stable(path)}}}")
+            return
+    with closing(SerialPort(path, lds03.BAUD)) as port:
+        port.write(lds03.START)
+        if _listen(port, lds03.Parser()):
+            port.write(lds03.STOP)
+            cure = f"lidar: {{plugin: lds02, model: lds03, port: {_stable(path)}}}"
+            yield Finding("ok", path, "LDS-03 (its driver is unproven)", cure)
 
 
 def _listen(port: SerialPort, parser: StreamParser[P]) -> list[P]:

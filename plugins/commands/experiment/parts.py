@@ -12,7 +12,7 @@ from typing import Any
 
 from knotwork.core.errors import InputError
 
-FORMAT = 1  # of the files; grows when old parts must not be taken any more
+FORMAT = 2  # of the files; grows when old parts must not be taken any more
 
 
 @dataclass(frozen=True, slots=True)

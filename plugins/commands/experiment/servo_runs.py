@@ -99,8 +99,11 @@ def trace(scene: Scenario, mode: str, gain: float, disturbance: str, seed: int, 
     filter_sd = np.array((max(1e-3, wrong.image), 3.0, 2e-3 if moving else 1e-4, 0.05 if moving else 0.0))
     if kind.estimator == EKF:
         thresholds = np.array((0.05, 0.2))
-    else:  # E has a floor of about 2.5 times the variance of the image
-        thresholds = np.array((max(1e-7, 4 * wrong.image**2), max(1e-6, 8 * wrong.image**2)))
+    else:
+        # E has a floor of about 2.5 times the variance of the image, to which a twist that errs anew in each frame
+        # adds: a depth would never count as certain below it. The factor 2 is the observer's memory of past frames.
+        floor = wrong.image**2 + 2.0 * (wrong.white * STEP) ** 2 * (V_MAX**2 + W_MAX**2)
+        thresholds = np.array((max(1e-7, 4 * floor), max(1e-6, 8 * floor)))
     errors, phases = np.full(steps + 1, np.inf), np.zeros(steps + 1)
     chi_error, path = np.full((steps + 1, n), np.nan), np.zeros((steps + 1, 12))
     guess = np.clip(scene.guess, CHI_MIN, CHI_MAX)

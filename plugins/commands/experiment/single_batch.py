@@ -4,7 +4,7 @@ import numpy as np
 
 from knotwork.core.camera import move_points, rigid_step
 from knotwork.core.depth.observer import fixed_gain_step
-from knotwork.core.depth.single_point import circle_goal, single_point_command
+from knotwork.core.depth.single_point import NEAR_GOAL, circle_goal, single_point_command
 from knotwork.core.kernel import kernel
 from knotwork.core.messages import F64
 
@@ -35,6 +35,7 @@ def run_single(
     circle: F64,
     gain: float,
     feed_forward: bool,
+    printed: bool,
     gains: F64,
     h: float,
     limits: F64,
@@ -51,6 +52,8 @@ def run_single(
         The point (3,) [m] in the first camera frame; guessed inverse depth [1/m].
     circle, gain, feed_forward
         Goal: centre, radius and period [s] (4,); k_p [1/s]; whether pi contains the goal's velocity.
+    printed
+        Algorithm 9 as printed: always the smaller root, both branches up to pi = 0.
     gains, h, limits
         (k_s, k_chi, sigma^2 floor); step [s]; (v_max, w_max).
     noise
@@ -84,7 +87,12 @@ def run_single(
         ahead = 1.0 if feed_forward else 0.0
         px = ahead * rate[0] - gain * (measured[0, 0] - goal[0])
         py = ahead * rate[1] - gain * (measured[0, 1] - goal[1])
-        single_point_command(variant, measured[0, 0], measured[0, 1], chi[0], px, py, limits[0], limits[1], memory, u)
+        if printed:
+            memory[:] = 0.0
+        single_point_command(
+            variant, measured[0, 0], measured[0, 1], chi[0], px, py, limits[0], limits[1],
+            0.0 if printed else NEAR_GOAL, memory, u,
+        )  # fmt: skip
         table[k, 0] = k * h
         table[k, 1], table[k, 2], table[k, 3], table[k, 4] = x, y, goal[0], goal[1]
         table[k, 5] = np.sqrt((x - goal[0]) ** 2 + (y - goal[1]) ** 2)

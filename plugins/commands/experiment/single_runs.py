@@ -23,16 +23,20 @@ def single(
     direction: float = 0.7,
     circle: float = 0.0,
     feed_forward: bool = True,
+    printed: bool = False,
     duration: float = 20.0,
     noise: F64 | None = None,
 ) -> dict[str, F64]:
-    """Run one scene; return its columns (K+1,) by name. `direction` [rad] is where the point starts from the goal."""
+    """Run one scene; return its columns (K+1,) by name. `direction` [rad] is where the point starts from the goal.
+
+    `printed` takes Algorithm 9 as the thesis prints it.
+    """
     frames = round(duration / STEP) + 1
     goal = (0.0, 0.0) if variant == "spica14" and circle == 0.0 else GOAL
     start = np.array((goal[0] + 0.2 * np.cos(direction), goal[1] + 0.2 * np.sin(direction), 1.0))
     table = np.empty((frames, len(COLUMNS)))
     run_single(
-        VARIANTS[variant], start, 0.1, np.array((*goal, circle, PERIOD)), gain, feed_forward,
+        VARIANTS[variant], start, 0.1, np.array((*goal, circle, PERIOD)), gain, feed_forward, printed,
         np.array((10.0, k_chi, 1e-4)), STEP, np.array((0.1, 0.15)),
         np.zeros((frames, 2)) if noise is None else noise, table,
     )  # fmt: skip
@@ -62,6 +66,7 @@ def figures_of(run: dict[str, F64]) -> dict[str, Any]:
         "J_l_w_max": float(run["J_l w"].max()),
         "flips": int((np.einsum("ij,ij->i", v[1:], v[:-1]) < 0.0).sum()),
         "depth_end_m": float(1.0 / run["chi"][-1]),
+        "depth_error_tail": float(np.abs(wrong[time >= time[-1] - 5.0]).max()),
         "error_steady": float(run["error"][time >= time[-1] - 5.0].max()),
         **at,
     }

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 from knotwork.core.contracts import Context
@@ -22,7 +23,9 @@ _MOUNT_DIGITS = 4  # a mount is the difference of rounded poses: keep 0.1 mm
 _MOUNT_REACH = 2.0  # m; further from the robot's origin there is no sensor
 _MOUNT_DRIFT = 0.02  # m and rad a mount may seem to move
 
+_OTHERS = 4  # fields that are not numbers of a message: keyword, timestamp, hostname, logger_timestamp
 _FLOAT32 = float(np.finfo(np.float32).max)
+_json = msgspec.json.Decoder(list[float])
 
 
 class CarmenDriver(LogDriver):
@@ -34,25 +37,24 @@ class CarmenDriver(LogDriver):
         super().__init__(context)
         self._config: CarmenConfig = context.config
         self._laser = b"" if self._config.laser == "auto" else self._config.laser.encode()
-        self._ranges: dict[float, _Ranges] = {}
         self._mount: _Pose | None = self._config.mount
         self._mount_checked = self._config.mount is not None
 
     def parse(self, line: bytes) -> _Messages:
         """Return the messages of one line; raises ValueError for a malformed one."""
-        fields = line.split()
-        if not fields or fields[0].startswith(b"#"):
+        first = line.split(None, 1)
+        if not first or first[0].startswith(b"#"):
             return ()
-        keyword = fields[0]
+        keyword = first[0]
         if keyword == b"ODOM":
-            return self._odom(fields)
+            return self._odom(line)
         if keyword in _LASERS:
             if not self._laser and keyword != b"RLASER":
-                messages = self._scan(keyword, fields)
+                messages = self._scan(keyword, line)
                 self._laser = keyword  # a log may carry the same scan twice, in the old and the new format
                 return messages
             if keyword == self._laser:
-                return self._scan(keyword, fields)
+                return self._scan(keyword, line)
             name = keyword.decode()
             self.remark = f"it has {name} lines, set laser: {name} to use them"
         elif not (keyword.isascii() and keyword.isupper()) or _cut(keyword):
@@ -60,45 +62,45 @@ class CarmenDriver(LogDriver):
         self.context.count("other_lines")
         return ()
 
-    def _odom(self, fields: list[bytes]) -> _Messages:
+    def _odom(self, line: bytes) -> _Messages:
         # ODOM x y theta tv rv accel ipc_timestamp hostname logger_timestamp
-        _expect(fields, 10, "ODOM")
-        x, y, yaw, tv, rv, _ = _finite(fields[1:7])
-        stamp = parse_seconds(fields[7])
+        numbers, stamp = _fields(line)
+        _expect(numbers, 6, "ODOM")
+        x, y, yaw, tv, rv, _ = _finite(numbers)
         if not self._config.odometry:
             return ()
         pose, twist = np.array((x, y, yaw)), np.array((tv, 0.0, rv))
         return (("odometry", Odometry(stamp=stamp, pose=pose, twist=twist)),)
 
-    def _scan(self, keyword: bytes, fields: list[bytes]) -> _Messages:
+    def _scan(self, keyword: bytes, line: bytes) -> _Messages:
         angles: tuple[float, float] | None = None
         range_max = self._config.no_return
         intensities: F32 | None = None
+        numbers, stamp = _fields(line)
         if keyword == b"ROBOTLASER1":
             # type start_angle field_of_view angular_resolution maximum_range accuracy remission_mode
             # n ranges m remissions laser_pose robot_pose tv rv forward_safety side_safety turn_axis
             # timestamp hostname logger_timestamp
-            start, _, step, farthest = _floats(fields[2:6], 4)
+            n, first = _count(numbers, 7), 8
+            m = _count(numbers, first + n)
+            poses = first + n + 1 + m
+            _expect(numbers, poses + 11, f"{n} readings and {m} remissions")
+            start, _, step, farthest = numbers[1:5]
             if math.isfinite(start) and 0.0 < step < math.pi:
                 angles = start, step
             if farthest > 0.0:
                 range_max = min(range_max, farthest)
-            n, first = _count(fields, 8), 9
-            m = _count(fields, first + n)
-            poses = first + n + 1 + m
-            _expect(fields, poses + 14, f"{n} readings and {m} remissions")
             if m == n:
-                remissions = np.array(_floats(fields[poses - m : poses], m))
+                remissions = np.array(numbers[poses - m : poses])
                 intensities = remissions.clip(-_FLOAT32, _FLOAT32).astype(np.float32)
         else:
             # n ranges x y theta odom_x odom_y odom_theta ipc_timestamp hostname logger_timestamp
-            n, first = _count(fields, 1), 2
+            n, first = _count(numbers, 0), 1
             poses = first + n
-            _expect(fields, poses + 9, f"{n} readings")
+            _expect(numbers, poses + 6, f"{n} readings")
         angle_min, angle_increment = self._angles(n, angles)
-        sx, sy, syaw, x, y, yaw = _finite(fields[poses : poses + 6])
-        stamp = parse_seconds(fields[-3])
-        ranges = self._read_ranges(fields[first : first + n], range_max)
+        sx, sy, syaw, x, y, yaw = _finite(numbers[poses : poses + 6])
+        ranges = _ranges(numbers[first : first + n], self._config.range_min, range_max)
         scan = Scan(
             stamp=stamp,
             scan_id=self.scan_id,
@@ -126,19 +128,6 @@ class CarmenDriver(LogDriver):
             default[1] if angle_increment is None else angle_increment,
         )
 
-    def _read_ranges(self, texts: list[bytes], range_max: float) -> F32:
-        memo = self._ranges.get(range_max)
-        if memo is None:
-            if len(self._ranges) >= 8:  # only damaged lines make so many
-                self._ranges.clear()
-            memo = self._ranges[range_max] = _Ranges(self._config.range_min, range_max)
-        elif len(memo) > 100_000:
-            memo.clear()
-        try:
-            return np.fromiter(map(memo.__getitem__, texts), np.float32, len(texts))
-        except ValueError:
-            raise ValueError("a reading is not a number") from None
-
     def _mount_of(self, seen: _Pose) -> _Pose:
         mount = self._mount
         if mount is None:
@@ -156,21 +145,38 @@ class CarmenDriver(LogDriver):
         return mount
 
 
-class _Ranges(dict[bytes, float]):
-    """Reading by its text: logs print centimetres, so few texts occur and none is parsed twice."""
+def _fields(line: bytes) -> tuple[list[float], int]:
+    """Return the numbers between a line's keyword and its last three fields, and the stamp [ns] of these."""
+    parts = line.rsplit(None, 3)
+    body = parts[0].split(None, 1)
+    if len(parts) < 4 or len(body) < 2:
+        raise ValueError("the line is cut off")
+    return _numbers(body[1]), parse_seconds(parts[1])
 
-    def __init__(self, range_min: float, range_max: float) -> None:
-        super().__init__()
-        self._min, self._max = range_min, range_max
 
-    def __missing__(self, text: bytes) -> float:
-        value = float(text)
-        if value >= self._max:
-            value = math.inf
-        elif not value > 0.0 or value < self._min:  # zero, negative, NaN, too near
-            value = math.nan
-        self[text] = value
-        return value
+def _numbers(text: bytes) -> list[float]:
+    """Return numbers that stand between spaces; read as a JSON list, which is four times faster than one by one."""
+    try:
+        numbers = _json.decode(b"[%b]" % text.replace(b" ", b","))
+        if len(numbers) == text.count(b" ") + 1:
+            return numbers
+    except msgspec.DecodeError:
+        pass  # not written as JSON writes them, or not numbers at all
+    return [_number(field) for field in text.split()]
+
+
+def _number(text: bytes) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{_shown(text)} is not a number") from None
+
+
+def _ranges(readings: list[float], range_min: float, range_max: float) -> F32:
+    values = np.array(readings, np.float64)
+    values[values >= range_max] = np.inf
+    values[~(values > 0.0) | (values < range_min)] = np.nan  # zero, negative, NaN, too near
+    return values.astype(np.float32)
 
 
 def _relative(robot: _Pose, sensor: _Pose) -> _Pose:
@@ -188,32 +194,22 @@ def _cut(keyword: bytes) -> bool:
     return any(name.startswith(keyword) for name in (*_LASERS, b"ODOM"))
 
 
-def _count(fields: list[bytes], index: int) -> int:
-    text = fields[index] if index < len(fields) else b""
-    if not (text.isdigit() and len(text) < 7):
-        raise ValueError(f"expected a number of readings, found {_shown(text)}")
-    return int(text)
+def _count(numbers: list[float], index: int) -> int:
+    count = numbers[index] if index < len(numbers) else math.nan
+    if not (0.0 <= count < 1e6 and count == int(count)):
+        raise ValueError(f"expected a number of readings, found {count:g}")
+    return int(count)
 
 
-def _expect(fields: list[bytes], length: int, what: str) -> None:
-    if len(fields) != length:
-        raise ValueError(f"{what} make {length} fields, found {len(fields)}")
+def _expect(numbers: list[float], length: int, what: str) -> None:
+    if len(numbers) != length:
+        raise ValueError(f"{what} make {length + _OTHERS} fields, found {len(numbers) + _OTHERS}")
 
 
-def _floats(texts: list[bytes], length: int) -> list[float]:
-    if len(texts) != length:
-        raise ValueError("the line is cut off")
-    try:
-        return [float(text) for text in texts]
-    except ValueError:
-        raise ValueError("a field that should be a number is none") from None
-
-
-def _finite(texts: list[bytes]) -> tuple[float, ...]:
-    values = _floats(texts, 6)
+def _finite(values: list[float]) -> list[float]:
     if not all(map(math.isfinite, values)):
         raise ValueError("a pose is not finite")
-    return tuple(values)
+    return values
 
 
 def _shown(text: bytes) -> str:

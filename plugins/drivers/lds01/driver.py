@@ -161,7 +161,7 @@ class Lds(Driver):
         assert model is not None
         descriptor = (self._wake.fileno(),)
         while not self._ended:
-            data = port.read(_LISTEN, descriptor)
+            data = port.read_all(_LISTEN, descriptor)
             now = clock.epoch()
             packets, scans = model.feed(data, now)
             if packets:

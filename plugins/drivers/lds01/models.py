@@ -28,9 +28,12 @@ class Model(ABC):
         Packets that never arrived.
     rpm
         Speed of the head over the last turn.
+    traffic
+        Bytes a second: after a pause of the host many packets come at once, and only the last is new.
     """
 
     baud: int
+    traffic: float
     start_command = b""
     stop_command = b""
     speeds: tuple[float, float]  # rpm of a healthy motor
@@ -44,13 +47,14 @@ class Model(ABC):
         self._entered = True  # the first turn is one that was entered somewhere
 
     def feed(self, data: bytes, now: int) -> tuple[int, list[Scan]]:
-        """Take bytes that had arrived by `now` [ns]; return how many packets they completed, and scans."""
+        """Take all bytes that had arrived by `now` [ns]; return how many packets they completed, and scans."""
         packets = self.parser.feed(data)
         scans: list[Scan] = []
         for packet in packets:
-            behind = self.parser.received - packet.end  # bytes that came after it
+            behind = self.parser.received - packet.end  # bytes that came after it, at the lidar's own pace
             # When its first byte set out, which is when its last reading had been taken.
-            scans += self._add(packet, now - round((behind + self._size(packet)) * _BITS * 1e9 / self.baud))
+            ago = behind / self.traffic + self._size(packet) * _BITS / self.baud
+            scans += self._add(packet, now - round(ago * 1e9))
         return len(packets), scans
 
     @abstractmethod
@@ -111,6 +115,7 @@ class Lds01(Model):
     """LDS-01: 360 readings a turn, clockwise; raw reading n is beam 359 - n."""
 
     baud = lds01.BAUD
+    traffic = lds01.PACKET * lds01.SECTORS * lds01.RATE
     start_command = lds01.START
     stop_command = lds01.STOP
     speeds = (290.0, 310.0)
@@ -154,6 +159,7 @@ class Lds02(Model):
     """LDS-02: points at varying angles, put into a fixed number of beams."""
 
     baud = lds02.BAUD
+    traffic = lds02.PACKET / lds02.POINTS * lds02.SAMPLE_RATE
     speeds = (290.0, 800.0)
 
     def __init__(self, config: Config) -> None:
@@ -186,6 +192,7 @@ class Lds03(Model):
     """LDS-03: samples at angles of their own, put into a fixed number of beams. Its facts are uncertain."""
 
     baud = lds03.BAUD
+    traffic = lds03.BYTES_A_SAMPLE * lds03.SAMPLE_RATE
     start_command = lds03.START
     stop_command = lds03.STOP
     speeds = (60.0, 1200.0)

@@ -22,6 +22,9 @@ class Config(PluginConfig):
     odometry: Literal["gyro", "wheels"] = Field("gyro", description="where the heading of odometry comes from")
     covariance: bool = Field(True, description="odometry says how uncertain it is")
     calibrate_gyro: bool = Field(True, description="at the start, standing still; takes 3 to 5 s")
+    gyro_rest: float = quantity(
+        10.0, "s", "after calibrating it stands on, to learn what is left of the gyro's bias", ge=0, le=120
+    )
     profile_acceleration: float = quantity(
         3.0, "m/s^2", "ramp of the motors themselves, under the host's; 0: none", ge=0
     )

@@ -10,6 +10,7 @@ from knotwork.core.errors import DriverError
 from knotwork.core.protocols import opencr as table
 from knotwork.core.protocols.registers import Register, span
 
+_FIRST_PATIENCE = 0.3  # s; the host is busy while a run starts
 _WHEELS = (*table.PRESENT_CURRENT, *table.PRESENT_VELOCITY, *table.PRESENT_POSITION)
 _INERTIAL = (*table.ANGULAR_VELOCITY, *table.LINEAR_ACCELERATION, *table.MAGNETIC, *table.ORIENTATION)
 _BATTERY = (table.BATTERY_VOLTAGE, table.BATTERY_PERCENTAGE)
@@ -90,7 +91,7 @@ class Board:
             It is another device, or its motors are missing.
         NoAnswer
         """
-        answer = self.bus.ping(table.DEVICE)
+        answer = self.bus.ping(table.DEVICE, _FIRST_PATIENCE)
         where = self.bus.port.path
         if answer is None:
             raise DriverError(
@@ -143,14 +144,15 @@ class Board:
         values = struct.pack("<6i", v, 0, 0, 0, 0, w)
         self.bus.write(table.DEVICE, table.COMMAND_LINEAR[0].address, values)
 
-    def state(self) -> tuple[Inertial, Wheels]:
-        """Read IMU and wheels, in one request: both are then of one instant."""
-        address, length = span(*_INERTIAL, *_WHEELS)
+    def state(self) -> tuple[int, Inertial, Wheels]:
+        """Read the board's clock [ms], IMU and wheels, in one request: all are then of one instant."""
+        address, length = span(table.MILLIS, *_INERTIAL, *_WHEELS)
         block = self.bus.read(table.DEVICE, address, length)
         if damaged(block):
-            return Inertial.of(self._block(_INERTIAL)), Wheels.of(self._block(_WHEELS))
+            # The clock is asked first: what comes after it may be newer, but not by more than a refresh.
+            return int(self._number(table.MILLIS)), Inertial.of(self._block(_INERTIAL)), Wheels.of(self._block(_WHEELS))
         values = [tuple(r.unpack(block, address) for r in registers) for registers in (_INERTIAL, _WHEELS)]
-        return Inertial.of(values[0]), Wheels.of(values[1])
+        return int(table.MILLIS.unpack(block, address)), Inertial.of(values[0]), Wheels.of(values[1])
 
     def battery(self) -> tuple[float, float]:
         """Read voltage [V] and charge in [0, 1]."""

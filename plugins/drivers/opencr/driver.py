@@ -1,5 +1,6 @@
 """The driver of a TurtleBot3's base."""
 
+from contextlib import suppress
 from math import atan2, tau
 from time import sleep
 
@@ -8,8 +9,11 @@ import numpy as np
 from knotwork.core import clock
 from knotwork.core.contracts import Context
 from knotwork.core.devices.base_driver import BaseDriver
+from knotwork.core.devices.device_clock import DeviceClock
 from knotwork.core.devices.dynamixel_bus import DynamixelBus, LineFigures
+from knotwork.core.devices.errors import NoAnswer
 from knotwork.core.devices.serial_port import SerialPort
+from knotwork.core.devices.standing_gyro import StandingGyro
 from knotwork.core.devices.wheel_odometry import WheelOdometry
 from knotwork.core.errors import DriverError
 from knotwork.core.geometry import wrap
@@ -18,12 +22,17 @@ from knotwork.core.protocols import opencr as table
 from knotwork.core.safety.frozen import FrozenWheels
 from knotwork.core.world.kinematics import body_twist
 from knotwork.plugins.drivers.opencr import Config
-from knotwork.plugins.drivers.opencr.board import GEOMETRIES, Board, quantised
+from knotwork.plugins.drivers.opencr.board import GEOMETRIES, Board, Inertial, Wheels, quantised
 
 _REFRESH = 100_000_000  # ns between heartbeats, and between repeats of an unchanged command
 _SLOW = 1_000_000_000  # ns between readings of battery and torque
-_AGE = 10_000_000  # ns; the board refreshes its registers every 20 ms
-_BIAS, _CALIBRATED_BIAS = 5e-4, 1e-4  # rad/s, sigma; the board counts in steps of 0.001 rad/s
+_STALE = 200_000_000  # ns; the board refreshes its registers every 20 ms
+_TICK = 500_000  # ns; the board's clock counts whole ms
+_WITHIN = 5_000_000  # ns; by which its time may be off
+_TUNE_IN, _BETWEEN = 20, 0.003  # reads of the board's clock before the first that counts, s between them
+_GYRO_NOISE = 2.6e-4  # rad/s/sqrt(Hz)
+_BIAS, _CALIBRATED_BIAS = 5e-4, 2e-4  # rad/s, sigma; calibrating takes 2.56 s
+_LOOK = 0.05  # s between looks at the gyro while the robot rests
 _LOW_FOR = 3_000_000_000  # ns; the battery's voltage dips when the robot sets off
 
 
@@ -41,7 +50,9 @@ class OpenCr(BaseDriver):
         self._frozen = FrozenWheels()
         self._guarded = 0
         self._odometry: WheelOdometry | None = None
-        self._yaw: float | None = None
+        self._clock = DeviceClock()
+        self._gyro = StandingGyro(_GYRO_NOISE, _CALIBRATED_BIAS if config.calibrate_gyro else _BIAS)
+        self._last: tuple[int, float, tuple[int, int]] | None = None  # stamp, heading, ticks
         self._written: tuple[int, int] | None = None
         self._refreshed = self._slow = 0
         self._stands = True
@@ -61,6 +72,9 @@ class OpenCr(BaseDriver):
             self.board.command(0, 0)
             if first and self.config.calibrate_gyro:
                 self._calibrate()
+            self._tune_in()
+            if first and self.config.calibrate_gyro:
+                self._rest(self.config.gyro_rest)
         except BaseException:
             self._port.close()
             raise
@@ -78,24 +92,23 @@ class OpenCr(BaseDriver):
 
     def poll(self, now: int) -> bool:
         """Read wheels and IMU, now and then battery and torque."""
-        inertial, wheels = self.board.state()
-        within = (clock.epoch() - self.board.bus.sent) // 2
-        stamp = self.board.bus.sent + within - _AGE
-        w, x, y, z = inertial.orientation
-        yaw = atan2(x * y + w * z, 0.5 - y * y - z * z)
+        stamp, yaw, inertial, wheels = self._read()
+        if self._last is not None and stamp <= self._last[0]:
+            return now - stamp < _STALE  # the board has not refreshed its registers since
         odometry = self._odometry
         assert odometry is not None
         if self.discontinuity:
             odometry.restart()
             self.discontinuity = False
-        turn = None if self._yaw is None else wrap(yaw - self._yaw)
+            self._last = None  # whatever turned it meanwhile
+        turn = self._turned(stamp, yaw, wheels)
         restarts = odometry.restarts
-        found = odometry.update(stamp, wheels.ticks, wheels.velocity, turn, within)
+        found = odometry.update(stamp, wheels.ticks, wheels.velocity, turn, _WITHIN)
         if found is None:
             return False
         if odometry.restarts != restarts:
             self.supervisor.fault("the encoders have restarted (was the motors' power cut?)")
-        self._yaw = yaw
+        self._last = stamp, yaw, wheels.ticks
         self._stands = wheels.velocity == (0.0, 0.0)
         self.context.emit("wheels", found[1])
         self.context.emit(
@@ -158,8 +171,24 @@ class OpenCr(BaseDriver):
         figures = {**super().statistics(), **self._line.summary()}
         figures["guarded_reads"] = self._guarded + (self.board.guarded if self._port is not None else 0)
         if self._odometry is not None:
+            figures["gyro_bias_mrad_s"] = round(1e3 * self._gyro.bias, 3)
             figures |= {"rejected_readings": self._odometry.rejected, "encoder_restarts": self._odometry.restarts}
         return figures
+
+    def _read(self) -> tuple[int, float, Inertial, Wheels]:
+        """Read the board; return when it took the reading [ns], its heading [rad], and the reading."""
+        count, inertial, wheels = self.board.state()
+        stamp = self._clock.hear(count, clock.epoch()) + _TICK
+        w, x, y, z = inertial.orientation
+        return stamp, atan2(x * y + w * z, 0.5 - y * y - z * z), inertial, wheels
+
+    def _turned(self, stamp: int, yaw: float, wheels: Wheels) -> float | None:
+        """Return the change of heading since the last reading [rad]."""
+        if self._last is None:
+            return None
+        before, heading, ticks = self._last
+        stands = ticks == wheels.ticks and wheels.velocity == (0.0, 0.0)
+        return self._gyro.turn(wrap(yaw - heading), (stamp - before) * 1e-9, stands)
 
     def _become(self, model: str, firmware: int) -> None:
         config = self.config
@@ -183,16 +212,37 @@ class OpenCr(BaseDriver):
         self.context.report("info", f"{name}, firmware {firmware}, battery {voltage:.1f} V ({charge:.0%})")
 
     def _calibrate(self) -> None:
-        first = self.board.state()[1]
+        first = self.board.state()[2]
         sleep(0.1)
-        if first.ticks != self.board.state()[1].ticks:
+        if first.ticks != self.board.state()[2].ticks:
             raise DriverError(
                 "the wheels turn, and the gyro can only be calibrated at standstill",
                 where=self.config.port,
                 hint="hold the robot still, or calibrate_gyro: false",
             )
-        self.context.report("info", "calibrating the gyro; keep the robot still")
+        seconds = table.CALIBRATION_TIME + self.config.gyro_rest
+        self.context.report("info", f"calibrating the gyro; keep the robot still for {seconds:.0f} s")
         self.board.calibrate_gyro()
+
+    def _tune_in(self) -> None:
+        """Read often enough for one answer to be hardly late."""
+        self._clock = DeviceClock()
+        for _ in range(_TUNE_IN):
+            with suppress(NoAnswer):
+                self._read()
+            sleep(_BETWEEN)
+
+    def _rest(self, seconds: float) -> None:
+        """Learn what the calibration has left of the gyro's bias."""
+        until = clock.monotonic() + round(seconds * 1e9)
+        while clock.monotonic() < until:
+            with suppress(NoAnswer):
+                stamp, yaw, _, wheels = self._read()
+                if self._last is None or stamp > self._last[0]:
+                    self._turned(stamp, yaw, wheels)
+                    self._last = stamp, yaw, wheels.ticks
+            sleep(_LOOK)
+        self._last = None
 
     def _read_slowly(self, now: int) -> None:
         voltage, charge = self.board.battery()

@@ -38,6 +38,10 @@ class GaussNewtonConfig(PluginConfig):
     starts: int = quantity(4000, "1", "poses tried in a search", ge=1)
     weak: tuple[float, float] = quantity((0.3, 0.8), "m, rad", "how far from a weak prior starts are tried")
     weak_starts: int = quantity(100, "1", "poses tried around a weak prior", ge=1)
+    astray: tuple[float, float] = quantity(
+        (1.5, 1.0), "m, rad", "how far from the prior a doubtful scan is looked for, before it counts as doubtful"
+    )
+    astray_starts: int = quantity(600, "1", "poses tried for a doubtful scan", ge=1)
 
 
 MANIFEST = Manifest(

@@ -112,8 +112,15 @@ class GaussNewton(Localizer):
             self._doubtful = 0
             self._accept(scan, estimate, found, information)
             return found
-        self._doubtful += 1
         self._counts["doubtful_scans"] += 1
+        again = descend(
+            chart, scan, around(prior, *config.astray, config.astray_starts), prior, _NOTHING, twist, self._settings
+        )
+        if again.explained() >= config.found:  # it was odometry that failed
+            self._doubtful, self._quality = 0, again.quality()
+            self._accept(scan, estimate, again)
+            return again
+        self._doubtful += 1
         if self._doubtful < config.lost_after:
             self._accept(scan, estimate, None)
             return None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotwork.core.beams import across
 from knotwork.core.kernel import inlined, kernel
 from knotwork.core.robust import CAUCHY, loss_terms
 from knotwork.core.splines.basis import locate
@@ -21,17 +22,6 @@ Array = NDArray[Any]
 
 _LARGE = 1e200
 _KNOWN = 1e-3  # [log-odds] nothing has been said of a place whose value is nearer to zero
-
-
-@inlined
-def _across(points: Array, k: int, c: float, s: float, gx: float, gy: float) -> tuple[float, float]:
-    """Return the part of a gradient across the surface that point `k` lies on; all of it without a normal."""
-    if points[k, 2] == 0.0 and points[k, 3] == 0.0:
-        return gx, gy
-    nx = c * points[k, 2] - s * points[k, 3]
-    ny = s * points[k, 2] + c * points[k, 3]
-    g = gx * nx + gy * ny
-    return g * nx, g * ny
 
 
 @kernel
@@ -69,7 +59,7 @@ def normal_equations(
             cost += rho
         if abs(value) > _KNOWN:
             used += 1
-        gx, gy = _across(points, k, c, s, gx, gy)
+        gx, gy = across(points, k, c, s, gx, gy)
         jx = gx * slope
         jy = gy * slope
         ja = rx * jy - ry * jx
@@ -147,7 +137,7 @@ def jacobian(
         mx, tx = locate(pose[0] + rx, 0.0, step)
         my, ty = locate(pose[1] + ry, 0.0, step)
         value, gx, gy = cubic_value_gradient(pool, directory, oi, oj, mx - 3, my - 3, tx, ty)
-        gx, gy = _across(points, k, c, s, gx, gy)
+        gx, gy = across(points, k, c, s, gx, gy)
         jx = -gx * factor / (clamp * step)
         jy = -gy * factor / (clamp * step)
         residuals[k] = factor * (1.0 - value / clamp)

@@ -7,6 +7,7 @@ from knotwork.core.messages import F64
 from knotwork.plugins.observers.ekf.filter import Triangle
 
 Outcome: TypeAlias = Literal["taken", "refused", "forced"]
+Place: TypeAlias = tuple[int, int]  # time [ns] and knot number
 Key: TypeAlias = tuple[int, int, int, int, int]  # time, knot number, 1 for a correction, stamp, scan id
 
 
@@ -58,7 +59,7 @@ class Fix:
         *("odom", "part", "outcome", "state"),
     )
 
-    def __init__(self, key: Key, pose: Pose2, covariance: F64, information: F64 | None, replace: bool) -> None:
+    def __init__(self, key: Key, pose: Pose2, covariance: Triangle, information: F64 | None, replace: bool) -> None:
         self.key = key
         self.time = key[0]
         self.number = key[1]

@@ -43,6 +43,18 @@ def to_triangle(matrix: NDArray[np.floating[Any]]) -> Triangle:
     return (xx, 0.5 * (xy + yx), 0.5 * (xw + wx), yy, 0.5 * (yw + wy), ww)
 
 
+def is_positive(t: Triangle) -> bool:
+    """Tell whether a covariance is finite and positive definite, by its Cholesky factor."""
+    xx, xy, xw, yy, yw, ww = t
+    if not 0.0 < xx < math.inf:
+        return False
+    yy -= xy * xy / xx
+    if not 0.0 < yy < math.inf:
+        return False
+    yw -= xy * xw / xx
+    return 0.0 < ww - xw * xw / xx - yw * yw / yy < math.inf
+
+
 def rotated(t: Triangle, angle: float) -> Triangle:
     """Return a covariance given in axes that stand at `angle` [rad] in the axes it is wanted in."""
     xx, xy, xw, yy, yw, ww = t
@@ -95,21 +107,22 @@ def moved_by(pose: Pose2, step: F64) -> Pose2:
     return (pose[0] + dx, pose[1] + dy, wrap(pose[2] + dyaw))
 
 
-def distance(pose: Pose2, p: Triangle, measured: Pose2, r: F64) -> float:
-    """Return the Mahalanobis distance of a measured pose with covariance r (3, 3) from the predicted one."""
+def distance(pose: Pose2, p: Triangle, measured: Pose2, r: Triangle) -> float:
+    """Return the Mahalanobis distance of a measured pose with covariance r from the predicted one."""
     e = np.array(innovation(pose, measured))
-    return math.sqrt(max(0.0, float(e @ np.linalg.solve(to_matrix(p) + r, e))))
+    return math.sqrt(max(0.0, float(e @ np.linalg.solve(to_matrix(add(p, r)), e))))
 
 
-def correct(pose: Pose2, p: Triangle, measured: Pose2, r: F64) -> tuple[Pose2, Triangle]:
-    """Correct with a measured pose of covariance r (3, 3): (3.11)-(3.14), h(xi) = xi, H = I.
+def correct(pose: Pose2, p: Triangle, measured: Pose2, r: Triangle) -> tuple[Pose2, Triangle]:
+    """Correct with a measured pose of covariance r: (3.11)-(3.14), h(xi) = xi, H = I.
 
     The covariance is computed in Joseph's form, which stays positive whatever the rounding.
     """
     prior = to_matrix(p)
-    gain = np.linalg.solve(prior + r, prior).T
+    noise = to_matrix(r)
+    gain = np.linalg.solve(prior + noise, prior).T
     rest = np.eye(3) - gain
-    posterior = rest @ prior @ rest.T + gain @ r @ gain.T
+    posterior = rest @ prior @ rest.T + gain @ noise @ gain.T
     return moved_by(pose, gain @ np.array(innovation(pose, measured))), to_triangle(posterior)
 
 

@@ -9,11 +9,12 @@ from typing import cast
 
 from knotwork.core.geometry import IDENTITY, Pose2, log, relative, scaled
 from knotwork.plugins.observers.ekf import EkfConfig
-from knotwork.plugins.observers.ekf.entries import Entry, Fix, Knot, State
+from knotwork.plugins.observers.ekf.entries import Entry, Fix, Knot, Place, State
 from knotwork.plugins.observers.ekf.filter import Triangle
 from knotwork.plugins.observers.ekf.model import SECOND, Model
 
 _TRIM_AT = 256
+_SWEEP = SECOND // 4  # [ns] that a scan takes at most
 
 
 class History:
@@ -68,17 +69,25 @@ class History:
         self._recompute(at)
         return True
 
-    def number_at(self, time: int) -> int:
-        """Return the number of the last knot that is not after `time`, -1 if all are."""
+    def place(self, time: int) -> Place:
+        """Return where a measurement at `time` [ns] belongs: after the last knot that is not later.
+
+        A little before the very first knot is at that knot: the first scan of a robot may have begun before
+        its first odometry. Number -1: before all that is remembered.
+        """
         for entry in reversed(self.entries):
             if entry.time <= time:
-                return entry.number
-        return -1
+                return time, entry.number
+        if self.entries:
+            first = self.entries[0]
+            if first.number == 0 and first.time - time <= self._buffer:
+                return first.time, 0
+        return time, -1
 
     # --- what is asked ------------------------------------------------------------------------------
 
     def at(self, time: int) -> tuple[State, Pose2, bool]:
-        """Return state, body twist and whether the state is weak at a time; changes nothing."""
+        """Return state, body twist from then on and whether the state is weak at a time; changes nothing."""
         entries = self.entries
         model = self.model
         at = len(entries) - 1
@@ -103,6 +112,7 @@ class History:
                 state = model.moved(entry, odom, part, time, knot, follower)
             late = follower is None and time - knot.time > self._gap
             twist = follower.twist if follower and time > knot.time else IDENTITY if late else knot.twist
+            twist = self._mean_twist(at, model.odometry_at(knot, follower, time)[0], time) or twist
         most, most_turn = self._c.weak_motion
         return state, twist, late or state.weak or state.moved > most or state.turned > most_turn
 
@@ -179,6 +189,24 @@ class History:
             fix.odom, fix.part = self.model.odometry_at(knot, follower, fix.time)
             state = self.model.moved(before, fix.odom, fix.part, fix.time, knot, follower)
         fix.state = self.model.corrected(state, fix, steady=knot.odom is None)
+
+    def _mean_twist(self, at: int, odom: Pose2, time: int) -> Pose2 | None:
+        """Return the mean body twist after a time, as far as odometry after entry `at` tells it.
+
+        That is the motion by which a scan that begins then is skewed; the twist of one odometry message is
+        noisier, and older than most of the scan.
+        """
+        last: Knot | None = None
+        for entry in self.entries[at + 1 :]:
+            if isinstance(entry, Fix):
+                continue
+            if entry.jump or entry.odom is None or entry.time - time > _SWEEP:
+                break
+            last = entry
+        if last is None or last.time - time < self._window[0]:
+            return None
+        motion = log(relative(odom, cast(Pose2, last.odom)))
+        return self.model.plausible(scaled(motion, SECOND / (last.time - time)))
 
     def _twist(self, knot: Knot) -> Pose2:
         """Return the body twist up to a new knot, no motion where times do not allow to tell it."""

@@ -17,7 +17,6 @@ from knotwork.plugins.observers.ekf.filter import (
     predict,
     rotated,
     times,
-    to_triangle,
 )
 
 SECOND = 1_000_000_000  # [ns]
@@ -60,6 +59,8 @@ class Model:
         """Predict from an entry to odometry `odom` at `time`, `part` of the way from `knot` to `follower`."""
         state = before.state
         start = cast(Pose2, before.odom)
+        if time == before.time and odom is start:  # a correction at its odometry's own instant
+            return state
         motion = relative(start, odom)
         way = math.hypot(motion[0], motion[1])
         turn = abs(motion[2])
@@ -152,7 +153,7 @@ class Model:
         if fix.outcome == "refused":
             return state._replace(refused=state.refused + 1, weak=True)
         if fix.replace:
-            pose, p = fix.pose, to_triangle(fix.covariance)
+            pose, p = fix.pose, fix.covariance
         else:
             if fix.outcome == "forced":  # the state was wrong by so much
                 ex, ey, eyaw = innovation(pose, fix.pose)

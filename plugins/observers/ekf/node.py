@@ -9,13 +9,11 @@ from knotwork.core.contracts import Context, Observer, PriorEstimate
 from knotwork.core.geometry import Pose2, compose, inverse, wrap
 from knotwork.core.messages import F64, Message, Odometry, Pose, Scan, Transform
 from knotwork.plugins.observers.ekf import EkfConfig
-from knotwork.plugins.observers.ekf.entries import Fix
-from knotwork.plugins.observers.ekf.filter import Triangle, to_matrix, to_triangle
+from knotwork.plugins.observers.ekf.entries import Fix, Place
+from knotwork.plugins.observers.ekf.filter import Triangle, diagonal, is_positive, to_matrix, to_triangle
 from knotwork.plugins.observers.ekf.history import History
 
 _MARKS = 4096  # stamps and scans whose place in the odometry is remembered
-
-Place = tuple[int, int]  # time [ns] and knot number
 
 
 class Ekf(Observer):
@@ -28,7 +26,7 @@ class Ekf(Observer):
         super().__init__(context)
         config: EkfConfig = context.config
         self._history = History(config)
-        self._sigma = np.diag(np.square([config.correction_sigma[0], *config.correction_sigma]))
+        self._sigma = diagonal(*config.correction_sigma)
         self._scans: dict[tuple[int, int], Place] = {}  # by stamp and scan_id
         self._stamps: dict[int, Place] = {}  # by stamp of odometry
         self._told: set[str] = set()
@@ -109,17 +107,18 @@ class Ekf(Observer):
 
     def _fix(self, message: Pose) -> Fix | None:
         """Return the correction with its place in the history, None if its numbers are unusable."""
-        pose, covariance, information = message.pose, message.covariance, None
+        pose, stated, information = message.pose, message.covariance, None
         if message.prior_included and message.local_covariance is not None:
-            covariance = message.local_covariance
+            stated = message.local_covariance
         if not message.prior_included and message.scan_information is not None:
             information = message.scan_information
             pose = message.pose if message.scan_pose is None else message.scan_pose
         if information is not None and not _is_information(information):
             return None
-        if covariance is None:
-            covariance = self._sigma
-        elif information is None and not _is_covariance(covariance):
+        if stated is not None and stated.shape != (3, 3):
+            return None
+        covariance = self._sigma if stated is None else to_triangle(stated)
+        if information is None and not is_positive(covariance):
             return None
         x, y, yaw = pose.tolist()
         if not _finite(x, y, yaw):
@@ -138,7 +137,7 @@ class Ekf(Observer):
         newest = history.newest
         if newest is None or (newest.odom is None and message.time > newest.time):
             history.append_scan(message.time)
-            return message.time, history.number_at(message.time)
+            return history.place(message.time)
         return self._instant(message.stamp, message.time)
 
     def _instant(self, stamp: int, time: int) -> Place:
@@ -146,8 +145,7 @@ class Ekf(Observer):
         known = self._stamps.get(stamp)
         if known is not None:
             return known
-        at = min(stamp, time)
-        return at, self._history.number_at(at)
+        return self._history.place(min(stamp, time))
 
     def _tell(self, counter: str, text: str) -> None:
         """Count, and report the first of its kind."""
@@ -166,14 +164,6 @@ def _remember(places: dict[Any, Place], key: Any, place: Place) -> None:
 
 def _finite(*values: float) -> bool:
     return all(map(math.isfinite, values))
-
-
-def _is_covariance(matrix: F64) -> bool:
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return bool(np.isfinite(matrix).all())
 
 
 def _is_information(matrix: F64) -> bool:

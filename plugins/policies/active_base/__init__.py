@@ -1,5 +1,9 @@
 """A wheeled base backs up until its camera knows the depths, then drives to a goal view."""
 
+from typing import Self
+
+from pydantic import model_validator
+
 from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 
 
@@ -7,7 +11,9 @@ class Config(PluginConfig):
     """Goal view, speeds, and when depths are good enough."""
 
     goal: dict[int, tuple[float, float]] = quantity(
-        ..., "1", "where each feature shall be seen, by its id, in normalised image coordinates", min_length=2
+        {},
+        "1",
+        "where each feature shall be seen, by its id, in normalised image coordinates; none: as in the first frame",
     )
     offset: float = quantity(0.08, "m", "how far the camera is ahead of the base's centre")
     v_max: float = quantity(0.20, "m/s", "largest speed; a TurtleBot3 Burger does 0.2097", gt=0)
@@ -22,6 +28,12 @@ class Config(PluginConfig):
     tolerance: float = quantity(0.005, "1", "image error per coordinate (RMS) at which the base stops", gt=0)
     timeout: float = quantity(0.5, "s", "without depths for so long, the base stops", gt=0)
     needed: int = quantity(2, "1", "fewest features from which the goal pose is computed", ge=2)
+
+    @model_validator(mode="after")
+    def _no_or_two_points(self) -> Self:
+        if len(self.goal) == 1:
+            raise ValueError("goal: expected two features or more, or none for the view of the first frame")
+        return self
 
 
 MANIFEST = Manifest(

@@ -21,6 +21,7 @@ class ActiveBase(Policy):
         self.config: Config = context.config
         if not all(math.isfinite(value) for point in self.config.goal.values() for value in point):
             raise InputError("goal: coordinates must be finite", where=context.name)
+        self._goal = dict(self.config.goal)
         self._phase = BACKING
         self._pose = np.zeros(3)
         self._known = False
@@ -52,10 +53,14 @@ class ActiveBase(Policy):
         move_goal(self._pose, v, w, step)
         self._way += max(0.0, -v) * step if self._phase == BACKING else 0.0
         usable = np.isfinite(message.chi) & (message.chi > 0.0)
-        chosen = [i for i, name in enumerate(message.ids.tolist()) if name in config.goal and usable[i]]
+        if not self._goal and len(message.ids) >= config.needed:
+            points = message.points.tolist()
+            self._goal = {name: (x, y) for name, (x, y) in zip(message.ids.tolist(), points, strict=True)}
+            self.context.report("info", f"the goal is the view of this frame, {len(points)} features")
+        chosen = [i for i, name in enumerate(message.ids.tolist()) if name in self._goal and usable[i]]
         ids = message.ids[chosen]
         s, chi = np.ascontiguousarray(message.points[chosen]), message.chi[chosen]
-        goal = np.array([config.goal[name] for name in ids.tolist()]).reshape(-1, 2)
+        goal = np.array([self._goal[name] for name in ids.tolist()]).reshape(-1, 2)
         error = float(np.linalg.norm(s - goal))
         certain = np.zeros(len(chosen))
         if message.variance is not None:

@@ -8,11 +8,18 @@ from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 
 
 class Config(PluginConfig):
-    """The path is either `waypoints` in the map's frame or a path of a world, moved to the map's frame."""
+    """Where to drive: `waypoints` in the map's frame, a path of a world moved to that frame, or a `goal` in it.
+
+    To a goal a smooth way is planned among the world's obstacles, from where the robot starts.
+    """
 
     waypoints: tuple[tuple[float, float], ...] = quantity((), "m", "points [x, y] in the map's frame")
     world: str = Field("", description="world whose path is followed: a shipped name or a YAML file")
     path: str = Field("tour", description="name of the world's path")
+    goal: tuple[float, float] | None = quantity(
+        None, "m", "point [x, y] in the map's frame to plan a way to, among the obstacles of the world"
+    )
+    clearance: float = quantity(0.25, "m", "least distance of a planned way from all obstacles", gt=0)
     start: tuple[float, float, float] | None = quantity(
         None, "m, m, rad", "pose in the world that is the map's origin; none: the world's start"
     )
@@ -33,13 +40,15 @@ class Config(PluginConfig):
             raise ValueError("give either waypoints or a world with a path")
         if self.waypoints and len(self.waypoints) < 2:
             raise ValueError("waypoints must have at least two points")
+        if self.goal is not None and (not self.world or self.loop):
+            raise ValueError("a goal needs a world to plan in, and no loop")
         return self
 
 
 MANIFEST = Manifest(
     name="follow-path",
     kind="policy",
-    summary="drives along waypoints by pure pursuit, on the predicted pose",
+    summary="drives along waypoints or a planned way by pure pursuit, on the predicted pose",
     impl="knotwork.plugins.policies.follow_path.policy:FollowPath",
     config=Config,
     inputs={

@@ -49,14 +49,21 @@ def _path(config: Config, node: str) -> Polyline:
         points: list[list[float]] = [list(p) for p in config.waypoints]
     else:
         world = load_world(config.world)
-        if config.path not in world.paths:
+        start = config.start or world.start
+        if config.goal is not None:
+            # Only planning needs compiled kernels, which take a second to load.
+            from knotwork.plugins.policies.follow_path.planning import way_to
+
+            way = way_to(config.goal, world, start, config.clearance, node)
+            points = transform_points(inverse(start), way).tolist()
+        elif config.path in world.paths:
+            points = transform_points(inverse(start), world.paths[config.path]).tolist()
+        else:
             raise InputError(
                 f"the world {world.name} has no path {config.path!r}",
                 where=f"node {node}",
                 hint=f"it has: {', '.join(world.paths) or 'none'}",
             )
-        to_map = inverse(config.start or world.start)
-        points = transform_points(to_map, world.paths[config.path]).tolist()
     try:
         return Polyline(points, config.loop)
     except ValueError as error:

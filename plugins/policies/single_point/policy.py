@@ -5,6 +5,7 @@ import numpy as np
 from knotwork.core.contracts import Context, Policy
 from knotwork.core.depth.single_point import (
     CONSTANT_DEPTH,
+    NEAR_GOAL,
     SPICA14,
     VARYING_DEPTH,
     circle_goal,
@@ -31,7 +32,7 @@ class SinglePoint(Policy):
 
     def warm(self) -> None:
         """Compile the kernels."""
-        single_point_command(self._variant, 0.1, 0.1, 1.0, 0.1, 0.1, 0.1, 0.1, np.zeros(2), np.zeros(6))
+        single_point_command(self._variant, 0.1, 0.1, 1.0, 0.1, 0.1, 0.1, 0.1, NEAR_GOAL, np.zeros(2), np.zeros(6))
         self._aim(0.0)
 
     def open(self) -> None:
@@ -54,7 +55,7 @@ class SinglePoint(Policy):
         px, py = ahead * self._rate[0] - config.gain * ex, ahead * self._rate[1] - config.gain * ey
         u = np.zeros(6)
         share = single_point_command(
-            self._variant, x, y, chi, px, py, config.v_max, config.w_max, self._memory, u
+            self._variant, x, y, chi, px, py, config.v_max, config.w_max, NEAR_GOAL, self._memory, u
         )  # fmt: skip
         self.context.emit("twist", CameraTwist(stamp=self.context.now(), v=u[:3], w=u[3:]))
         state = ServoState(

@@ -7,7 +7,6 @@ from knotwork.core.errors import KnotworkError
 from knotwork.core.files import write_atomic
 from knotwork.core.messages import F64, Grid, Message, Pose, Trajectory
 from knotwork.plugins.sinks.map_image import MapImageConfig
-from knotwork.plugins.sinks.map_image.drawing import draw
 
 
 class MapImage(Sink):
@@ -54,6 +53,8 @@ class MapImage(Sink):
             self._draw(stream)
 
     def _draw(self, stream: str) -> None:
+        from knotwork.plugins.sinks.map_image.drawing import draw  # not while a run starts
+
         config, grid = self._config, self._grids[stream]
         path: F64 = np.array(list(self._path.values()) if config.trajectory else [], np.float64).reshape(-1, 3)
         try:

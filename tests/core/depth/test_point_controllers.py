@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from knotwork.core.camera import interaction
 from knotwork.core.depth.single_point import (
     CONSTANT_DEPTH,
+    NEAR_GOAL,
     SPICA14,
     VARYING_DEPTH,
     circle_goal,
@@ -51,7 +52,7 @@ def test_bounds_hold_exactly_and_the_image_moves_along_pi(variant, a, size, chi,
     pi = speed * np.array((math.cos(direction), math.sin(direction)))
     u = np.empty(6)
     memory = 0.1 * np.array((math.cos(last), math.sin(last)))
-    share = single_point_command(variant, x, y, chi, *pi, V, W, memory, u)
+    share = single_point_command(variant, x, y, chi, *pi, V, W, NEAR_GOAL, memory, u)
     assert np.linalg.norm(u[:3]) <= V
     assert np.linalg.norm(u[3:]) <= W
     assert u[2] == 0.0
@@ -68,9 +69,9 @@ def test_bounds_hold_exactly_and_the_image_moves_along_pi(variant, a, size, chi,
 
 def test_the_older_controller_clips_its_rotation():
     u = np.empty(6)
-    single_point_command(SPICA14, 0.2, 0.1, 1.0, 0.5, 0.5, V, W, np.zeros(2), u)
+    single_point_command(SPICA14, 0.2, 0.1, 1.0, 0.5, 0.5, V, W, NEAR_GOAL, np.zeros(2), u)
     assert np.linalg.norm(u[3:]) == pytest.approx(W)
-    single_point_command(SPICA14, 0.2, 0.1, 1.0, 0.01, 0.02, V, W, np.zeros(2), u)
+    single_point_command(SPICA14, 0.2, 0.1, 1.0, 0.01, 0.02, V, W, NEAR_GOAL, np.zeros(2), u)
     np.testing.assert_allclose(interaction(np.array([(0.2, 0.1)]), np.ones(1)) @ u, (0.01, 0.02), atol=1e-12)
 
 
@@ -79,7 +80,7 @@ def test_near_the_goal_the_camera_keeps_its_direction():
     directions = []
     for k in range(50):
         tiny = 1e-4 * np.array((math.cos(k * 2.0), math.sin(k * 2.0)))
-        single_point_command(VARYING_DEPTH, 0.2, 0.1, 1.0, *tiny, V, W, memory, u)
+        single_point_command(VARYING_DEPTH, 0.2, 0.1, 1.0, *tiny, V, W, NEAR_GOAL, memory, u)
         directions.append(u[:2].copy())
     directions = np.array(directions)
     assert (np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.009).all()

@@ -130,6 +130,20 @@ def test_a_device_pushes_from_its_thread_and_all_arrive_in_order(run, monkeypatc
     assert [m.vx for m in named(kept, "device.out")] == [float(i) for i in range(20)]
 
 
+def test_what_a_device_says_from_its_thread_is_in_the_log_to_its_last_word(run):
+    def stop_at_the_last(execution):
+        execution.tap(lambda stream, message: execution.stop("done") if message.stamp == 20 else None)
+
+    result, kept = run("  device: {plugin: toy-device}\n" + KEEP, prepare=stop_at_the_last)
+    assert [(e.node, e.level, e.text) for e in named(kept, "runtime.events")] == [
+        ("device", "info", "begun"),
+        ("device", "warning", "ended"),
+    ]
+    # what is said before anything was measured does not set the run's clock
+    assert [m.time for m in named(kept, "device.out")] == list(range(1, 21))
+    assert result.statistics["nodes"]["device"]["drops"] == 0
+
+
 def test_a_node_sees_the_nodes_it_uses(run):
     lines = []
     nodes = "  user: {plugin: toy-user}\n  late: {plugin: toy-prior}\n"

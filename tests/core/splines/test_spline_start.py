@@ -15,9 +15,18 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
 def test_scipy_is_not_imported_until_needed():
     run(
         "import sys; from knotwork.core.splines import Curve, Surface; import numpy as np;"
-        "Surface().at(0.0, 0.0); Curve(np.zeros((5, 2)))(3.5);"
-        "heavy = {'scipy.sparse', 'scipy.interpolate'} & set(sys.modules);"
-        "assert not heavy, heavy"  # scipy.linalg is Numba's own doing
+        "Surface().at(0.0, 0.0); Curve(np.zeros((5, 2)))(3.5); Surface().with_gradient([[0.0, 0.0]]);"
+        "heavy = {'scipy.linalg', 'scipy.sparse', 'scipy.interpolate'} & set(sys.modules);"
+        "assert not heavy, heavy"
+    )
+
+
+def test_kernels_with_linear_algebra_still_compile_and_check_for_it():
+    run(
+        "import numpy as np, numba.np.linalg as linalg; import knotwork.core.kernel, numba;"
+        "solve = numba.njit(lambda a, b: np.linalg.solve(a, b) + a @ b);"
+        "assert np.allclose(solve(2 * np.eye(3), np.ones(3)), 2.5);"
+        "assert linalg.ensure_blas.__module__ == 'numba.np.linalg'"
     )
 
 

@@ -74,6 +74,22 @@ def test_patches_across_tile_borders_in_all_ways(dtype):
     np.testing.assert_allclose(gradient[:, 1], spline(grid, nu=(0, 1)), atol=1e-13)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 5, 63, 64, 66, 131])
+def test_a_batch_equals_its_points_one_by_one(dtype, n):
+    surface = random_surface(dtype=dtype, origin=(0.0, 0.0), step=(0.1, 0.1), first=(0, 0), shape=(140, 140))
+    rng = np.random.default_rng(n)
+    points = rng.uniform(-1.0, 15.0, (n, 2))  # beyond its control points too
+    points[n // 2 :] = 6.4 + rng.uniform(0.0, 0.4, (n - n // 2, 2))  # tiles meet here
+    if n > 5:
+        points[3] = np.nan, 0.2
+    values, gradients = surface.with_gradient(points)
+    alone = np.array([surface.at(x, y) for x, y in points]).reshape(-1, 3)
+    np.testing.assert_allclose(values, alone[:, 0], atol=1e-13)
+    np.testing.assert_allclose(gradients, alone[:, 1:], atol=1e-11)
+    np.testing.assert_allclose(surface(points), alone[:, 0], atol=1e-13)
+
+
 def test_derivatives_by_finite_differences():
     surface = random_surface()
     points = np.array([[-1.0, 7.0], [0.3, 5.1], [3.1, 9.9]])

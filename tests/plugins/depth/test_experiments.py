@@ -114,6 +114,19 @@ def test_single_point_figures_are_those_of_the_thesis():
     assert figures_of(single("varying-depth", circle=0.1))["error_steady"] < 1e-3
 
 
+@pytest.mark.parametrize(("k_chi", "noise", "learns"), [(1250.0, 0.0, 1e-6), (2500.0, 1e-3, 0.05)])
+def test_the_printed_algorithm_9_chatters_and_stalls_and_ours_does_not(k_chi, noise, learns):
+    image = noise * np.random.default_rng(0).normal(size=(401, 2))
+    printed = figures_of(single("varying-depth", k_chi=k_chi, noise=image, printed=True))
+    ours = figures_of(single("varying-depth", k_chi=k_chi, noise=image))
+    assert printed["flips"] > 100  # of 400 frames
+    assert printed["depth_error_tail"] > 0.1
+    assert ours["flips"] == 0
+    assert ours["depth_error_tail"] < learns
+    for row in (printed, ours):  # sigma^2 alone does not tell the two apart
+        assert row["sigma2_min"] == pytest.approx(0.01, rel=0.05)
+
+
 def test_the_hard_goal_needs_the_third_condition_or_the_filter():
     success = {}
     for mode in ("passive", "active", "active+", "ekf"):

@@ -56,7 +56,7 @@ def test_correction_is_the_weighted_mean_of_two_gaussians(seed):
     posterior = np.linalg.inv(p_inv + r_inv)
     mean = posterior @ (p_inv @ pose + r_inv @ measured)
     for got, triangle in (
-        f.correct(tuple(pose), f.to_triangle(p), tuple(measured), r),
+        f.correct(tuple(pose), f.to_triangle(p), tuple(measured), f.to_triangle(r)),
         f.correct_information(tuple(pose), f.to_triangle(p), tuple(measured), r_inv),
     ):
         np.testing.assert_allclose(got[:2], mean[:2], rtol=1e-6, atol=1e-9)
@@ -65,7 +65,7 @@ def test_correction_is_the_weighted_mean_of_two_gaussians(seed):
     e = measured - pose
     e[2] = math.remainder(e[2], math.tau)
     away = math.sqrt(e @ np.linalg.inv(p + r) @ e)
-    assert f.distance(tuple(pose), f.to_triangle(p), tuple(measured), r) == pytest.approx(away, rel=1e-6)
+    assert f.distance(tuple(pose), f.to_triangle(p), tuple(measured), f.to_triangle(r)) == pytest.approx(away, rel=1e-6)
     assert f.information_distance(tuple(pose), f.to_triangle(p), tuple(measured), r_inv) == pytest.approx(
         away, rel=1e-5
     )
@@ -85,7 +85,7 @@ def test_the_innovation_is_wrapped_at_half_a_turn(form):
     near = math.pi - 0.01
     p, r = f.diagonal(0.1, 0.1), np.diag([0.01, 0.01, 0.01])
     if form == "covariance":
-        pose, _ = f.correct((0.0, 0.0, near), p, (0.0, 0.0, -near), r)
+        pose, _ = f.correct((0.0, 0.0, near), p, (0.0, 0.0, -near), f.to_triangle(r))
     else:
         pose, _ = f.correct_information((0.0, 0.0, near), p, (0.0, 0.0, -near), np.linalg.inv(r))
     assert abs(pose[2]) == pytest.approx(math.pi, abs=1e-12)
@@ -96,3 +96,18 @@ def test_rotated_agrees_with_matrices():
     c, s = math.cos(0.8), math.sin(0.8)
     r = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     np.testing.assert_allclose(f.to_matrix(f.rotated(f.to_triangle(q), 0.8)), r @ q @ r.T, atol=1e-12)
+
+
+def test_positive_means_positive_definite_and_finite():
+    for scale in (1e-8, 1.0, 1e8):
+        for _ in range(50):
+            a = RNG.standard_normal((3, 3))
+            q = scale * (a + a.T)
+            assert f.is_positive(f.to_triangle(q)) == (np.linalg.eigvalsh(q)[0] > 0.0)
+            assert f.is_positive(f.to_triangle(scale * (a @ a.T + 1e-6 * np.eye(3))))
+    for k in range(6):
+        for bad in (math.nan, math.inf, -math.inf):
+            entries = [1.0, 0.1, 0.1, 1.0, 0.1, 1.0]
+            entries[k] = bad
+            assert not f.is_positive(tuple(entries))
+    assert not f.is_positive((1.0, 1.0, 0.0, 1.0, 0.0, 1.0))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotwork.core.contracts import Prior
-from knotwork.core.geometry import compose, inverse
+from knotwork.core.geometry import compose, exp, inverse, relative, scaled
 from knotwork.core.messages import Odometry, Pose, Scan
 from knotwork.plugins.observers.ekf import MANIFEST, EkfConfig
 
@@ -277,6 +277,30 @@ def test_heading_stays_in_range_over_many_turns(make_ekf):
     assert "refused_corrections" not in ekf.context.counts
 
 
+def test_the_twist_is_the_motion_that_follows_where_it_is_known(make_ekf):
+    """A scan that begins at a time is skewed by the motion after it, not by what one message says."""
+    ekf = make_ekf()
+    path = [(0.2 * t, 0.02 * t * t, 0.4 * t * t) for t in np.arange(0.0, 1.01, 0.02)]
+    for i, pose in enumerate(path):
+        ekf.on_odometry(odometry(i * 20 * MS, pose, twist=np.array([9.0 * (-1) ** i, 0.0, 5.0])))
+    start, end = 610 * MS, 860 * MS  # a quarter of a second later
+    motion = exp(scaled(tuple(ekf.prior(start).twist), (end - start) / S))
+    expected = relative(tuple(ekf.prior(start).pose), tuple(ekf.prior(end).pose))
+    np.testing.assert_allclose(motion, expected, atol=1e-9)
+    # near the end there is less of it, at the end none: then the newest message says
+    motion = exp(scaled(tuple(ekf.prior(900 * MS).twist), 0.1))
+    np.testing.assert_allclose(motion, relative(path[45], path[50]), atol=1e-9)
+    np.testing.assert_array_equal(ekf.prior(1000 * MS).twist, [9.0, 0.0, 5.0])
+
+
+def test_the_motion_that_follows_ends_at_a_jump(make_ekf):
+    ekf = make_ekf()
+    for i in range(11):
+        ekf.on_odometry(odometry(i * 20 * MS, [0.01 * i, 0.0, 0.0]))
+    ekf.on_odometry(odometry(220 * MS, [5.0, 5.0, 1.0], discontinuity=True))
+    np.testing.assert_allclose(ekf.prior(100 * MS).twist, [0.5, 0.0, 0.0], atol=1e-9)
+
+
 def test_twist_of_the_message_is_preferred_and_wild_times_give_none(make_ekf):
     ekf = make_ekf()
     ekf.on_odometry(odometry(0, [0, 0, 0]))
@@ -419,3 +443,22 @@ def test_config_refuses_nonsense():
     ):
         with pytest.raises(ValueError, match="validation error"):
             EkfConfig(**bad)
+
+
+def test_a_first_scan_from_before_the_first_odometry_corrects_the_pose_there(make_ekf):
+    ekf = make_ekf()
+    ekf.on_odometry(odometry(100 * MS, (0.0, 0.0, 0.0)))
+    ekf.on_scan(scan(100 * MS, 0, stamp=40 * MS))
+    ekf.on_correction(correction(100 * MS, (0.5, 0.2, 0.1), stamp=40 * MS, scan_id=0, prior_included=True))
+    assert ekf.context.counts == {}
+    assert ekf.context.reports == []
+    np.testing.assert_array_equal(ekf.prior(100 * MS).pose, (0.5, 0.2, 0.1))
+    ekf.on_odometry(odometry(200 * MS, (1.0, 0.0, 0.0)))
+    np.testing.assert_allclose(ekf.prior(200 * MS).pose, compose((0.5, 0.2, 0.1), (1.0, 0.0, 0.0)), atol=1e-12)
+
+
+def test_a_correction_long_before_the_first_odometry_is_too_old(make_ekf):
+    ekf = make_ekf(buffer=10.0)
+    ekf.on_odometry(odometry(100 * S, (0.0, 0.0, 0.0)))
+    ekf.on_correction(correction(100 * S, (0.5, 0.2, 0.1), stamp=80 * S, prior_included=True))
+    assert ekf.context.counts == {"old_corrections": 1}

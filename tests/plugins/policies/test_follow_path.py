@@ -190,3 +190,28 @@ def test_following_waypoints_needs_no_compiler():
         "sys.exit(any(m in sys.modules for m in ('numba', 'scipy')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_planned_way_to_a_goal_is_driven_and_touches_nothing():
+    goal = (3.7, 1.15)  # across the arena, between its pillars
+    sim, policy, track, outside, _ = close_the_loop(
+        {"world": "arena", "duration": 60}, {"world": "arena", "goal": goal, "clearance": 0.2}
+    )
+    assert policy.pursuit.done
+    assert outside.counts == {}  # no bump
+    end = compose(sim.start_pose, (*goal, 0.0))[:2]
+    assert hypot(*(track[-1, :2] - end)) < 0.08
+    gaps = [np.abs(np.hypot(*(track[:, :2] - (a[0], a[1])).T) - a[2]).min() for a in sim.world.arcs]
+    assert min(gaps) > 0.17  # planned with 0.2; pursuit cuts a little
+    for x1, y1, x2, y2 in sim.world.segments:
+        edge, start = np.array([x2 - x1, y2 - y1]), np.array([x1, y1])
+        share = np.clip((track[:, :2] - start) @ edge / (edge @ edge), 0, 1)
+        assert np.linalg.norm(track[:, :2] - start - share[:, None] * edge, axis=1).min() > 0.17
+
+
+def test_a_goal_that_cannot_be_reached_is_said_with_the_node():
+    with pytest.raises(InputError, match=r"node node.*from an obstacle"):
+        FollowPath(FakeContext(Config(world="apartment", goal=(0.0, 0.8))))
+    for wrong in ({"goal": (1.0, 0.0)}, {"world": "room", "goal": (1.0, 0.0), "loop": True}):
+        with pytest.raises(ValidationError):
+            Config(**wrong)

@@ -1,6 +1,8 @@
 import math
 import uuid
+from pathlib import Path
 
+import can
 import pytest
 
 from knotwork.core.clock import epoch
@@ -8,6 +10,8 @@ from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
 from knotwork.core.errors import DriverError
 from knotwork.core.geometry import relative
 from knotwork.core.messages import MotionControl
+from knotwork.plugins.drivers.can_base import Config
+from knotwork.plugins.drivers.can_base.bus import CanBus
 
 
 @pytest.fixture
@@ -106,3 +110,36 @@ def test_at_the_end_the_base_stands_in_standby(robot, probe, rig):
 def test_a_bus_without_a_base_says_so(rig):
     with pytest.raises(DriverError, match="no AgileX base"):
         rig("can-base", interface="virtual", channel=uuid.uuid4().hex)
+
+
+def test_the_kernels_own_bus_is_opened_by_its_name_and_nothing_else(monkeypatch):
+    """Bit rate and the rest are set with `ip link`; python-can would refuse or ignore them."""
+    asked = {}
+
+    class Bus:
+        def __init__(self, **options):
+            asked.update(options)
+
+        def fileno(self):
+            return 7
+
+    monkeypatch.setattr(can, "Bus", Bus)
+    bus = CanBus(Config(channel="can1", bitrate=250_000))
+    assert asked == {"interface": "socketcan", "channel": "can1"}
+    assert bus._descriptor == 7
+
+
+@pytest.mark.skipif(Path("/sys/class/net/can77").exists(), reason="there is a can77")
+def test_a_can_interface_that_is_not_there_is_said_with_its_cure(rig):
+    with pytest.raises(DriverError, match="cannot open the CAN bus") as error:
+        rig("can-base", channel="can77")
+    assert "ip link set can77 up" in error.value.hint
+
+
+@pytest.mark.skipif(not Path("/sys/class/net/vcan0").exists(), reason="ip link add dev vcan0 type vcan; set it up")
+def test_the_base_drives_on_a_virtual_bus_of_the_kernel(rig):
+    robot = rig.enter(AgilexBase(AgilexSettings(interface="socketcan", channel="vcan0", world="arena", noise=False)))
+    probe = rig("can-base", channel="vcan0")
+    rig.drive(probe, 0.3)
+    probe.until(moves(robot))
+    assert probe.driver.statistics()["rejected_frames"] == 0

@@ -144,6 +144,24 @@ def test_scans_do_not_depend_on_how_the_bytes_are_cut(sizes):
         assert np.allclose(scan.ranges, expected, atol=1e-6)
 
 
+@settings(max_examples=30, deadline=None)
+@given(pauses=st.lists(st.integers(1, 200), min_size=2, max_size=12), cut=st.integers(0, 41))
+def test_a_host_that_pauses_stamps_what_has_waited_as_if_it_had_not(pauses, cut):
+    """The lidar goes on at its pace, and all it has sent meanwhile is read at once."""
+    turns, begin = 5, epoch()
+    data, model, scans, at, k = Turns(turns).bytes(), Lds01(Config()), [], 0, 0
+    packet, wire = 200e6 / 60, 42 * 10e9 / lds01.BAUD
+    while at < len(data):
+        k = min(k + pauses[k % len(pauses)], 60 * turns)  # packets that are whole by now
+        more = cut if k < 60 * turns else 0  # bytes of the next one
+        now = begin + round((k * packet) - 200e6 / 360 + wire + more * 10e9 / lds01.BAUD)
+        scans += model.feed(data[at : 42 * k + more], now)[1]
+        at = 42 * k + more
+    assert len(scans) == turns
+    error = np.array([scan.stamp - begin for scan in scans]) - 200e6 * np.arange(turns)
+    assert np.abs(error).max() < 4e6  # up to a packet's time: where in it the last byte is
+
+
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), drop=st.floats(0, 0.4), flip=st.floats(0, 0.4))
 def test_a_dirty_line_never_shows_a_range_that_was_not_sent(seed, drop, flip):

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from knotwork.core.errors import DriverError, KnotworkError
 from knotwork.core.stamps import format_seconds
 from knotwork.plugins.drivers.carmen import MANIFEST, CarmenConfig
-from knotwork.plugins.drivers.carmen.driver import CarmenDriver
+from knotwork.plugins.drivers.carmen.driver import CarmenDriver, _numbers
 
 
 def flaser(n=180, stamp="976052857.337284", ranges=None, sensor=(1.0, 2.0, 0.5), robot=None, keyword="FLASER"):
@@ -350,3 +350,19 @@ def test_no_bytes_raise_anything_but_a_clear_error(run_driver, tmp_path, lines, 
         assert scan.scan_id == i
         assert not (scan.ranges <= 0).any()
         assert np.isfinite(scan.mount).all()
+
+
+plain = st.floats(-1e6, 1e6).map(lambda x: f"{x:.2f}") | st.floats(allow_nan=False).map(repr)
+odd = st.sampled_from(["+1", ".5", "5.", "007", "1e3", "-0", "nan", "inf", "-Infinity", "1_0", "1e400", "1" * 30])
+
+
+@given(st.lists(plain | odd, min_size=1, max_size=30), st.sampled_from([" ", "  ", "\t"]))
+def test_numbers_read_together_are_those_read_one_by_one(texts, space):
+    read = _numbers(space.join(texts).encode())
+    np.testing.assert_array_equal(read, [float(text) for text in texts])  # to the last bit but the sign of zero
+
+
+@pytest.mark.parametrize("junk", ["x", "1,2", "[1]", "null", "true", '"1"', "1 2]", "0x10", "--1", "1e"])
+def test_junk_among_numbers_is_named(junk):
+    with pytest.raises(ValueError, match="is not a number"):
+        _numbers(f"1.25 {junk} 2".encode())

@@ -1,0 +1,1 @@
+"""Maps made of square cells: ray traversal, interpolation, alignment. Imports nothing by itself."""
