@@ -159,6 +159,8 @@ class TestSplineSurface(MapSuite):
 class TestSplineCurve(MapSuite):
     plugin = "spline-curve"
     options = {"normals": False}  # so that g is the whole gradient of the cost
+
+
 class TestGridBilinear(MapSuite):
     plugin = "grid"
     options = {"normals": False}
