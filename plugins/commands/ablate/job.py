@@ -76,12 +76,12 @@ def _execute(job: Job) -> Outcome:
 
 
 def _placed(failure: str, pipeline: config.Pipeline) -> str:
-    """Put the place of the configuration that a node's failure comes from before it."""
+    """Put where the node's file was named before its failure: that is what mostly is wrong."""
     node = failure.removeprefix("node ").partition(":")[0] if failure.startswith("node ") else ""
     if node not in pipeline.nodes:
         return failure
-    key = f"nodes.{node}.path"
-    return f"{pipeline.where(key)}: {failure}"
+    origin = pipeline.origins.get(f"nodes.{node}.path")
+    return f"{origin or pipeline.where(f'nodes.{node}')}: {failure}"
 
 
 def figures(pipeline: config.Pipeline, result: Result, collector: "Collector") -> dict[str, Any]:

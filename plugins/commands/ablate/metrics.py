@@ -18,7 +18,7 @@ class Metric:
     name: str
     title: str
     unit: str
-    digits: int  # behind the point
+    digits: int  # behind the point; negative: six significant ones
     of: Callable[[dict[str, Any], dict[str, Any]], Figure]
     better: int = -1  # -1: less is better, 1: more, 0: neither
 
@@ -88,7 +88,7 @@ def metric_of(name: Any, item: Item, path: str, problems: Problems) -> Metric | 
         return _BY_NAME[name]
     if isinstance(name, dict):
         keys = check(CustomMetric, item, tuple(path.split(".")), problems, label="a metric")
-        return Metric(keys.name, keys.name, keys.unit, 4, _figure(keys.key), better=0) if keys else None
+        return Metric(keys.name, keys.name, keys.unit, -1, _figure(keys.key), better=0) if keys else None
     problems.add(item.where, path, f"there is no metric {short(name)}", problems.nearest(name, _BY_NAME))
     return None
 

@@ -143,7 +143,8 @@ def _changes(section: Item | None, problems: Problems, path: str) -> tuple[confi
     for key, item in section.mapping().items() if section is not None else ():
         where = item.key or item.where
         if key.partition(".")[0] not in TOP:
-            problems.add(where, f"{path}.{key}", f"{short(key)} is no config key", problems.nearest(key, TOP))
+            hint = problems.nearest(key.partition(".")[0], TOP)
+            problems.add(where, f"{path}.{key}", f"{short(key)} is no config key", hint)
         else:
             changes.append(config.Change(key, item, where))
     return tuple(changes)
@@ -151,18 +152,18 @@ def _changes(section: Item | None, problems: Problems, path: str) -> tuple[confi
 
 def _axis(name: str, section: Item, problems: Problems) -> list[Value]:
     """Return the values of one axis."""
-    values: list[Value] = []
+    values: dict[str, Value] = {}
     entries = section.value if isinstance(section.value, list) else []
     if not entries and not section.broken:
         problems.add(section.position, f"axes.{name}", "an axis needs at least one value")
     for index, item in enumerate(entries):
         path = f"axes.{name}.{index}"
         value = _named(item, path, problems) if "name" in item.mapping() else _plain(name, section, item, problems)
-        if value is not None and value.name in (other.name for other in values):
+        if value is not None and value.name in values:
             problems.add(item.where, path, f"the value {short(value.name)} is there twice")
         elif value is not None:
-            values.append(value)
-    return values
+            values[value.name] = value
+    return list(values.values())
 
 
 def _named(item: Item, path: str, problems: Problems) -> Value | None:

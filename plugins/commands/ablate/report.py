@@ -20,11 +20,11 @@ p.facts{color:#666;margin:.2rem 0}
 .scroll{overflow-x:auto}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:.6rem 0}
 th,td{padding:.25rem .7rem;border-bottom:1px solid #e5e5e5;text-align:right;white-space:nowrap}
-th{background:#f6f6f6}th.n,td.n{text-align:left}
+th{background:#f6f6f6;white-space:normal;vertical-align:bottom}th.n,td.n{text-align:left}
 td.best{font-weight:700}td.failed{color:#b00020}
 .maps{display:grid;grid-template-columns:repeat(auto-fill,minmax(330px,1fr));gap:1rem}
-.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:1rem}
-figure{margin:0}figcaption{font-size:.9rem;margin-bottom:.2rem}
+.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(400px,1fr));gap:1rem}
+figure{margin:0 0 1rem}.charts svg.plan{background:#fff;height:330px}figcaption{font-size:.9rem;margin-bottom:.2rem}
 svg.plan{width:100%;height:360px;background:#d7d7d7;border:1px solid #ccc}
 svg.chart{width:100%;max-width:640px}
 svg.chart text{font-size:12px;fill:#333}svg.chart .g{stroke:#e6e6e6}svg.chart .m{text-anchor:middle}
@@ -118,12 +118,16 @@ def _section(plan: Plan, title: str, rows: list[Row], axis: str) -> str:
     errors = [Series(names[id(row)], colours[id(row)], entry.scores.errors) for row, entry in shown]
     of = next((entry.scores.errors_of for _, entry in shown if entry.scores.errors_of), "")
     figures.append((f"errors against {of}: share that is smaller", charts.cumulative(errors, "translation error [m]")))
-    figures.append(("time a scan: localise, update (pale)", _times(shown, names, colours)))
+    drawn = "".join(f"<div>{_figure(*one)}</div>" for one in figures)
+    costs = [("time a scan: localise, update (pale)", _times(shown, names, colours))]
     for key, unit, what in (("map_bytes", "MB", "memory of the map"), ("statistics.peak_rss_mb", "MB", "peak memory")):
-        figures.append((what, _memory(shown, names, colours, key, unit)))
-    drawn = (f"<figure><figcaption>{escape(name)}</figcaption>{chart}</figure>" for name, chart in figures if chart)
-    parts.append(f'<div class="charts">{"".join(drawn)}</div>')
+        costs.append((what, _memory(shown, names, colours, key, unit)))
+    parts.append(f'<div class="charts">{drawn}<div>{"".join(_figure(*one) for one in costs)}</div></div>')
     return "".join(parts)
+
+
+def _figure(name: str, chart: str) -> str:
+    return f"<figure><figcaption>{escape(name)}</figcaption>{chart}</figure>" if chart else ""
 
 
 def _first_done(row: Row) -> Entry | None:
@@ -143,8 +147,8 @@ def _maps(plan: Plan, shown: list[tuple[Row, Entry]], names: dict[int, str], pat
         key = id(row)
         if key not in grids:
             continue
-        figures = ((metric.head, text_of(metric, row.figures[metric.name])) for metric in plan.metrics[:2])
-        said = " · ".join(f"{name} {text}" for name, text in figures if text != "-")
+        figures = ((metric, text_of(metric, row.figures[metric.name])) for metric in plan.metrics[:2])
+        said = " · ".join(f"{metric.title} {text} {metric.unit}" for metric, text in figures if text != "-")
         box: Box = together if sizes[key] <= limit else boxes[key]
         scale = "" if sizes[key] <= limit else " (its own scale)"
         picture = charts.chart_of_map(grids[key], paths.get(key), box)

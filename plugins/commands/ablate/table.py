@@ -75,9 +75,14 @@ def text_of(metric: Metric, figure: Figure) -> str:
     """Return a figure as the table shows it."""
     if figure is None:
         return "-"
-    mean, deviation = figure
-    shown = f"{mean:,.{metric.digits}f}" if abs(mean) < 1e6 or not metric.digits else f"{mean:.3g}"
-    return shown if deviation is None else f"{shown} ± {deviation:,.{metric.digits}f}"
+    mean, deviation = (None if part is None else _number(part, metric.digits) for part in figure)
+    return f"{mean} ± {deviation}" if deviation is not None else str(mean)
+
+
+def _number(value: float, digits: int) -> str:
+    if digits < 0:
+        return f"{value:.6g}"
+    return f"{value:,.{digits}f}" if abs(value) < 1e6 or not digits else f"{value:.3g}"
 
 
 def markdown(plan: Plan, rows: list[Row]) -> str:
