@@ -13,6 +13,7 @@ from knotwork.core.contracts import Level, Map
 from knotwork.core.errors import InputError
 from knotwork.core.messages import F64, Message, Scan
 from knotwork.core.registry import Registry
+from knotwork.core.world.raycast import RayCaster
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +108,15 @@ def build_map(name: str, resolution: tuple[float, ...], **config: Any) -> Map:
     chart: Map = build_node(variant.plugin, {"resolution": resolution, "publish": 0.0, **config}, variant.options)
     chart.warm()
     return chart
+
+
+CENTRE: F64 = np.zeros(3)
+
+
+def distances(caster: RayCaster, pose: F64, beams: int) -> F64:
+    """Return the distances (beams,) [m] to the first obstacle in each direction of a turn from a pose (3,)."""
+    angles = float(pose[2]) + 2.0 * np.pi * np.arange(beams) / beams
+    return caster.cast(np.tile(pose[:2], (beams, 1)), np.column_stack((np.cos(angles), np.sin(angles))))
 
 
 def turn(ranges: F64, range_max: float) -> Scan:

@@ -12,9 +12,10 @@ from knotwork.core.messages import F64
 from knotwork.core.world.raycast import RayCaster
 from knotwork.core.world.scene import World
 from knotwork.plugins.commands.experiment import figures
-from knotwork.plugins.commands.experiment.bare_map import COLOURS, available, build_map, turn
-from knotwork.plugins.commands.experiment.map_error import range_errors, residual_error
+from knotwork.plugins.commands.experiment.bare_map import CENTRE, COLOURS, available, build_map, distances, turn
+from knotwork.plugins.commands.experiment.map_error import pose_error, range_errors, residual_error
 from knotwork.plugins.commands.experiment.parts import Part, run_parts, write_json
+from knotwork.plugins.commands.experiment.square_room import TITLES, below, text
 
 NOISES = (0.025, 0.05, 0.075, 0.1)  # m
 MAPS = ("surface", "nearest", "bilinear", "bicubic", "tsdf")
@@ -57,21 +58,23 @@ class CircularRoom:
             "runs": arguments.runs,
             "scans": arguments.scans,
             "maps": table,
-            "surface_is_lowest": {key: _lowest(table, key) for key in ("range_rms_m", "residual")},
+            "surface_below": below(table),
         }
         write_json(out / "results.json", results)
         if not arguments.no_figures:
             _curves(out, table)
             _pictures(out, maps, arguments.scans, arguments.seed)
-        sys.stdout.write(json.dumps(results, indent=1) + "\n" if arguments.json else _text(results))
+        columns = [str(noise) for noise in NOISES]
+        sys.stdout.write(
+            json.dumps(results, indent=1) + "\n" if arguments.json else text(results, "noise [m]", columns, 20)
+        )
         return 0
 
 
-def ranges_in(radius: float = RADIUS, beams: int = BEAMS) -> F64:
-    """Return the distances [m] from the centre of a circular room to its wall, a whole turn."""
-    angles = 2.0 * np.pi * np.arange(beams) / beams
-    caster = RayCaster(World("room", np.empty((0, 4)), np.array([[0.0, 0.0, radius, 0.0, 2.0 * np.pi]])))
-    return caster.cast(np.zeros((beams, 2)), np.column_stack((np.cos(angles), np.sin(angles))))
+def ranges_in(pose: F64 = CENTRE) -> F64:
+    """Return the distances [m] from a pose (3,) in the room to its wall, a whole turn."""
+    circle = np.array([[0.0, 0.0, RADIUS, 0.0, 2.0 * np.pi]])
+    return distances(RayCaster(World("room", np.empty((0, 4)), circle)), pose, BEAMS)
 
 
 def mapped(name: str, noise: float, scans: int, seed: int, run: int) -> Map:
@@ -90,7 +93,8 @@ def block(part: Part) -> list[dict[str, Any]]:
         chart = mapped(part.mode, float(part.disturbance), part.n, part.seed, run)
         errors = range_errors(chart, ranges_in(), _WINDOW, _FINE)
         residual = None if part.mode == "tsdf" else residual_error(chart, ranges_in())
-        rows.append({"range_rms_m": float(np.sqrt(np.mean(errors**2))), "residual": residual})
+        found = {"residual": residual, "pose_m": pose_error(chart, ranges_in)}
+        rows.append(found | {"range_m": float(np.sqrt(np.mean(errors**2)))})
     return rows
 
 
@@ -104,18 +108,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return result
 
 
-def _lowest(table: dict[str, list[dict[str, Any]]], key: str) -> dict[str, bool]:
-    grids = [rows for name, rows in table.items() if name in ("nearest", "bilinear", "bicubic")]
-    return {
-        str(noise): all(table["surface"][index][key] < rows[index][key] for rows in grids)
-        for index, noise in enumerate(NOISES)
-    }
-
-
 def _curves(out: Path, table: dict[str, list[dict[str, Any]]]) -> None:
-    figure, axes = figures.subplots(1, 2, figsize=(11, 4.2))
-    panels = (("range_rms_m", 1e3, "range error, rms [mm]"), ("residual", 1.0, "mean squared residual (7.23)"))
-    for axis, (key, scale, title) in zip(axes, panels, strict=True):
+    figure, axes = figures.subplots(1, 3, figsize=(15, 4.2))
+    for axis, (key, scale, _, title) in zip(axes, TITLES, strict=True):
         for name, rows in table.items():
             if rows[0][key] is not None:
                 mean, spread = ([scale * row[end] for row in rows] for end in (key, f"{key}_std"))
@@ -142,17 +137,3 @@ def _pictures(out: Path, maps: tuple[str, ...], scans: int, seed: int) -> None:
             figures.label(axis, "x [m]", "y [m]", f"{'grid' if name == 'nearest' else name}, noise {noise} m")
             axis.grid(False)
     figures.save(figure, out, "fig-7.7-circular-room-maps")
-
-
-def _text(results: dict[str, Any]) -> str:
-    lines = [f"{'noise [m]':<22}" + "".join(f"{noise:>18}" for noise in results["noise_m"])]
-    for key, scale, title in (("range_rms_m", 1e3, "range error, rms [mm]"), ("residual", 1.0, "residual (7.23)")):
-        lines.append(title)
-        digits = 2 if key == "range_rms_m" else 4
-        for name, rows in results["maps"].items():
-            if rows[0][key] is not None:
-                cells = (f"{scale * r[key]:.{digits}f} +- {scale * r[f'{key}_std']:.{digits}f}" for r in rows)
-                lines.append(f"  {name:<20}" + "".join(f"{cell:>18}" for cell in cells))
-        marks = results["surface_is_lowest"][key].values()
-        lines.append(f"  {'surface is lowest':<20}" + "".join(f"{'yes' if one else 'no':>18}" for one in marks))
-    return "\n".join(lines) + f"\nmean +- standard deviation over {results['runs']} runs of {results['scans']} scans\n"

@@ -12,14 +12,21 @@ from knotwork.core.messages import F64
 from knotwork.core.world.raycast import RayCaster
 from knotwork.core.world.scene import World, box
 from knotwork.plugins.commands.experiment import figures
-from knotwork.plugins.commands.experiment.bare_map import COLOURS, available, build_map, turn
-from knotwork.plugins.commands.experiment.map_error import range_errors, residual_error
+from knotwork.plugins.commands.experiment.bare_map import CENTRE, COLOURS, available, build_map, distances, turn
+from knotwork.plugins.commands.experiment.map_error import pose_error, range_errors, residual_error
 from knotwork.plugins.commands.experiment.parts import Part, run_parts, write_json
 
 SIDES = tuple(round(4.0 + 0.02 * i, 2) for i in range(10))  # m
 MAPS = ("surface", "nearest", "bilinear", "bicubic", "tsdf")
 STEP = 0.10  # m, knot interval or cell side
 BEAMS, RANGE_MAX = 360, 3.5  # LDS-01
+GRIDS = ("nearest", "bilinear", "bicubic")
+KEYS = ("residual", "pose_m", "range_m")
+TITLES = (
+    ("residual", 1.0, 4, "mean squared residual (7.23)"),
+    ("pose_m", 1e3, 2, "position after alignment, rms [mm]"),
+    ("range_m", 1e3, 2, "ridge off the wall, rms [mm]"),
+)
 _MOST, _STILL = 500, 5  # scans; the map is stable after so many without a change
 _WINDOW, _FINE = 0.2, 0.0025  # m
 
@@ -43,24 +50,23 @@ class SquareRoom:
             "sides_m": SIDES,
             "step_m": STEP,
             "maps": table,
-            "surface_is_lowest": {
-                key: lowest(table, key, [f"{side:.2f}" for side in SIDES]) for key in ("range_rms_m", "residual")
-            },
+            "surface_below": below(table),
         }
         write_json(out / "results.json", results)
         if not arguments.no_figures:
             _curves(out, table)
             _pictures(out, maps)
-        sys.stdout.write(json.dumps(results, indent=1) + "\n" if arguments.json else _text(results))
+        columns = [f"{side:.2f}" for side in SIDES]
+        sys.stdout.write(
+            json.dumps(results, indent=1) + "\n" if arguments.json else text(results, "side [m]", columns, 8)
+        )
         return 0
 
 
-def ranges_in(side: float, beams: int = BEAMS) -> F64:
-    """Return the distances [m] from the centre of a square room to its walls, a whole turn."""
+def ranges_in(side: float, pose: F64 = CENTRE) -> F64:
+    """Return the distances [m] from a pose (3,) in a square room to its walls, a whole turn."""
     half = 0.5 * side
-    angles = 2.0 * np.pi * np.arange(beams) / beams
-    caster = RayCaster(World("room", box(-half, -half, half, half)))
-    return caster.cast(np.zeros((beams, 2)), np.column_stack((np.cos(angles), np.sin(angles))))
+    return distances(RayCaster(World("room", box(-half, -half, half, half))), pose, BEAMS)
 
 
 def mapped(name: str, side: float) -> tuple[Map, int]:
@@ -86,27 +92,47 @@ def block(part: Part) -> dict[str, Any]:
     errors = range_errors(chart, ranges_in(side), _WINDOW, _FINE)
     return {
         "side_m": side,
-        "range_rms_m": float(np.sqrt(np.mean(errors**2))),
-        "range_max_m": float(np.abs(errors).max()),
+        "range_m": float(np.sqrt(np.mean(errors**2))),
+        "pose_m": pose_error(chart, lambda pose: ranges_in(side, pose)),
         # A signed distance has no bound that means "nothing known".
         "residual": None if part.mode == "tsdf" else residual_error(chart, ranges_in(side)),
         "scans": scans,
     }
 
 
-def lowest(table: dict[str, list[dict[str, Any]]], key: str, names: list[str]) -> dict[str, bool]:
-    """Say for each column whether the surface is below every grid in it."""
-    grids = [rows for name, rows in table.items() if name in ("nearest", "bilinear", "bicubic")]
+def below(table: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, list[bool]]]:
+    """Say by measure and grid in which columns the surface's error is below the grid's."""
+    grids = {name: rows for name, rows in table.items() if name in GRIDS}
     return {
-        column: all(table["surface"][index][key] < rows[index][key] for rows in grids)
-        for index, column in enumerate(names)
+        key: {
+            name: [mine[key] < other[key] for mine, other in zip(table["surface"], rows, strict=True)]
+            for name, rows in grids.items()
+        }
+        for key in KEYS
     }
 
 
+def text(results: dict[str, Any], head: str, columns: list[str], width: int) -> str:
+    """Return the table of the two rooms."""
+    lines = [f"{head:<22}" + "".join(f"{column:>{width}}" for column in columns)]
+    for key, scale, digits, title in TITLES:
+        lines.append(title)
+        for name, rows in results["maps"].items():
+            if rows[0][key] is not None:
+                cells = [f"{scale * row[key]:.{digits}f}" for row in rows]
+                if f"{key}_std" in rows[0]:
+                    spreads = (f" +- {scale * row[f'{key}_std']:.{digits}f}" for row in rows)
+                    cells = [cell + spread for cell, spread in zip(cells, spreads, strict=True)]
+                lines.append(f"  {name:<20}" + "".join(f"{cell:>{width}}" for cell in cells))
+        for name, marks in results["surface_below"][key].items():
+            cells = ["yes" if mark else "no" for mark in marks]
+            lines.append(f"  {f'surface < {name}':<20}" + "".join(f"{cell:>{width}}" for cell in cells))
+    return "\n".join(lines) + "\n"
+
+
 def _curves(out: Path, table: dict[str, list[dict[str, Any]]]) -> None:
-    figure, axes = figures.subplots(1, 2, figsize=(11, 4.2))
-    panels = (("range_rms_m", 1e3, "range error, rms [mm]"), ("residual", 1.0, "mean squared residual (7.23)"))
-    for axis, (key, scale, title) in zip(axes, panels, strict=True):
+    figure, axes = figures.subplots(1, 3, figsize=(15, 4.2))
+    for axis, (key, scale, _, title) in zip(axes, TITLES, strict=True):
         for name, rows in table.items():
             points = [(row["side_m"], scale * row[key]) for row in rows if row[key] is not None]
             if points:
@@ -130,16 +156,3 @@ def _pictures(out: Path, maps: tuple[str, ...], side: float = 4.10) -> None:
         figures.label(axis, "x [m]", "y [m]", f"{'grid' if name == 'nearest' else name}, wall at {0.5 * side:.2f} m")
         axis.grid(False)
     figures.save(figure, out, "fig-7.5-wall")
-
-
-def _text(results: dict[str, Any]) -> str:
-    lines = [f"{'side [m]':<22}" + "".join(f"{side:>8.2f}" for side in results["sides_m"])]
-    for key, scale, title in (("range_rms_m", 1e3, "range error, rms [mm]"), ("residual", 1.0, "residual (7.23)")):
-        lines.append(title)
-        for name, rows in results["maps"].items():
-            if rows[0][key] is not None:
-                digits = 2 if key == "range_rms_m" else 4
-                lines.append(f"  {name:<20}" + "".join(f"{scale * row[key]:>8.{digits}f}" for row in rows))
-        marks = results["surface_is_lowest"][key].values()
-        lines.append(f"  {'surface is lowest':<20}" + "".join(f"{'yes' if one else 'no':>8}" for one in marks))
-    return "\n".join(lines) + "\n"

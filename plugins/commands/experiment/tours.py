@@ -26,7 +26,7 @@ def scans_along(world: str, path: str, step: float, seed: int) -> list[tuple[Sca
     scene = load_world(world)
     lidar = LidarParameters(sweep=0.0, accuracy=0.0)
     sensor = SimulatedLidar(lidar, RayCaster(scene), seed)
-    angles = lidar.angle_min + lidar.angle_increment * np.arange(lidar.beams)
+    angles: F64 = lidar.angle_min + lidar.angle_increment * np.arange(lidar.beams, dtype=np.float64)
     found = []
     for number, pose in enumerate(poses_along(scene.paths[path], step)):
         ranges = sensor.measure(np.tile(pose, (lidar.beams, 1)), angles)
