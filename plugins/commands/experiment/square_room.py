@@ -57,9 +57,8 @@ class SquareRoom:
             _curves(out, table)
             _pictures(out, maps)
         columns = [f"{side:.2f}" for side in SIDES]
-        sys.stdout.write(
-            json.dumps(results, indent=1) + "\n" if arguments.json else text(results, "side [m]", columns, 8)
-        )
+        shown = text(results, "side [m]", columns, 8)
+        sys.stdout.write(json.dumps(results, indent=1) + "\n" if arguments.json else shown)
         return 0
 
 
