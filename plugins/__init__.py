@@ -32,6 +32,7 @@ BUILTINS = (
     "knotwork.plugins.sinks.mcap",
     "knotwork.plugins.sinks.summary",
     "knotwork.plugins.sinks.trajectory",
+    "knotwork.plugins.commands.ablate",
     "knotwork.plugins.commands.demo",
     "knotwork.plugins.commands.doctor",
     "knotwork.plugins.commands.emulate",

@@ -11,12 +11,14 @@ plugins of a registry. Nothing here imports NumPy or a plugin's implementation.
 """
 
 from knotwork.core.config.model import Clock, Manifests, NodeSpec, Origin, Pipeline, Queue
+from knotwork.core.config.overrides import Change
 from knotwork.core.config.reference import reference
 from knotwork.core.config.render import dump, mask, show
 from knotwork.core.config.resolve import load
 from knotwork.core.config.schema import json_schema
 
 __all__ = [
+    "Change",
     "Clock",
     "Manifests",
     "NodeSpec",

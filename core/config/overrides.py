@@ -1,6 +1,6 @@
 """`--set KEY=VALUE`: one value put into the tree, by a dotted path."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from knotwork.core.config.sources import Sources
 from knotwork.core.config.tree import (
@@ -16,6 +16,16 @@ from knotwork.core.config.tree import (
 )
 from knotwork.core.config.yaml_source import compose
 from knotwork.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A value for a dotted key that stands in another file than the pipeline's; `where` is the key's place."""
+
+    key: str
+    value: Item
+    where: str
+
 
 TOP = ("pipeline", "description", "clock", "rate", "seed", "vars", "nodes")
 
@@ -48,6 +58,15 @@ def override(root: Item, argument: str, problems: Problems) -> Item:
     if value is None or inner.found:
         return root
     return _Override(where, path, value, problems).apply(root)
+
+
+def change(root: Item, one: Change, problems: Problems) -> Item:
+    """Return the tree with a change applied; what is wrong with it goes to `problems`."""
+    path: Path = tuple(one.key.split("."))
+    if "" in path or len(path) >= MAX_DEPTH:
+        problems.add(one.where, "", f"{one.key!r} is no dotted key", "for example nodes.map.plugin")
+        return root
+    return _Override(one.where, path, one.value, problems).apply(root)
 
 
 def label(argument: str) -> str:

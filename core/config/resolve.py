@@ -20,7 +20,7 @@ from knotwork.core.config.model import (
     Pipeline,
     PipelineKeys,
 )
-from knotwork.core.config.overrides import override
+from knotwork.core.config.overrides import Change, change, override
 from knotwork.core.config.sources import Sources
 from knotwork.core.config.tree import Item, Path, Problems, container, dotted, short
 from knotwork.core.manifest import Manifest, PluginConfig
@@ -33,6 +33,7 @@ def load(
     registry: Manifests,
     overrides: Iterable[str] = (),
     environment: Mapping[str, str] = os.environ,
+    changes: Iterable[Change] = (),
 ) -> Pipeline:
     """Load a pipeline file.
 
@@ -46,6 +47,8 @@ def load(
         Arguments `KEY=VALUE`, applied in order after all files are merged.
     environment
         Where `${NAME}` looks after the file's `vars`.
+    changes
+        Values from another file (an ablation's), applied in order before `overrides`.
 
     Raises
     ------
@@ -54,6 +57,8 @@ def load(
     """
     problems = Problems()
     root = Sources(problems).gather(str(path))
+    for one in changes:
+        root = change(root, one, problems)
     for argument in overrides:
         root = override(root, argument, problems)
     root = interpolate(root, environment, problems)

@@ -19,10 +19,14 @@ class Sources:
     ----------
     problems
         Takes what can be survived; what cannot is raised as ConfigError.
+    what, needs
+        What the file should be and the keys it cannot do without, for messages.
     """
 
-    def __init__(self, problems: Problems) -> None:
+    def __init__(self, problems: Problems, what: str = "a pipeline", needs: str = "`pipeline:` and `nodes:`") -> None:
         self.problems = problems
+        self.what = what
+        self.needs = needs
         self.count = 0
 
     def gather(self, name: str, included_at: str = "", chain: tuple[str, ...] = ()) -> Item:
@@ -39,7 +43,7 @@ class Sources:
         own = self._parse(name, included_at)
         root = container({}, own.where)
         for each in self._includes(own):
-            inner = self._resolve(name, str(each.value))
+            inner = beside(name, str(each.value))
             root = self.merge(root, self.gather(inner, each.where, (*chain, identity)))
         root = self.merge(root, own)
         if root.size > MAX_SIZE:
@@ -81,21 +85,14 @@ class Sources:
         self.problems.check()
         return entries
 
-    def _resolve(self, including: str, name: str) -> str:
-        if name.startswith(SHIPPED) or including.startswith(SHIPPED):
-            return name if name.startswith(SHIPPED) else SHIPPED + name
-        return os.path.normpath(FilePath(including).parent / name)
-
     def _parse(self, name: str, included_at: str) -> Item:
         text = self._text(name, included_at)
         item = compose(text, lambda line, column: f"{name}:{line + 1}:{column + 1}", self.problems)
         if item is None or (item.value is None and not item.broken):
-            raise self.problems.fatal(
-                f"{name}:1:1", "", "the file is empty", "a pipeline needs `pipeline:` and `nodes:`"
-            )
+            raise self.problems.fatal(f"{name}:1:1", "", "the file is empty", f"{self.what} needs {self.needs}")
         if not isinstance(item.value, dict):
             what = "a list" if isinstance(item.value, list) else "a single value"
-            message = f"expected a mapping with `pipeline:` and `nodes:`, this is {what}"
+            message = f"expected a mapping with {self.needs}, this is {what}"
             raise self.problems.fatal(item.where, "", message)
         return item
 
@@ -130,6 +127,13 @@ class Sources:
         found = [one.name for one in sorted(folder.iterdir())[:1000] if one.suffix in (".yaml", ".yml")]
         hint = self.problems.nearest(FilePath(name).name, found)
         return hint if hint.startswith("did you mean") else ""
+
+
+def beside(file: str, name: str) -> str:
+    """Return the file that `file` means by `name`: relative to its own folder, or one that ships."""
+    if name.startswith(SHIPPED) or file.startswith(SHIPPED):
+        return name if name.startswith(SHIPPED) else SHIPPED + name
+    return os.path.normpath(FilePath(file).parent / name)
 
 
 def _label(identity: str) -> str:

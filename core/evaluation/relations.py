@@ -52,10 +52,7 @@ def read_relations(path: str | Path) -> Relations:
 
 
 def score_relations(trajectory: StampedPoses, relations: Relations, tolerance: float = TOLERANCE) -> dict[str, Any]:
-    """Score a trajectory of robot poses.
-
-    Each time of a relation is matched to the nearest pose within `tolerance` [s]; a relation without
-    both is missed. The error is e = measured^-1 * estimated.
+    """Score a trajectory of robot poses by the errors of `relation_errors`.
 
     Returns
     -------
@@ -64,6 +61,27 @@ def score_relations(trajectory: StampedPoses, relations: Relations, tolerance: f
         (`trans_abs_mean_m`, `trans_abs_std_m`, `trans_sq_mean_m2`, `trans_sq_std_m2`,
         `rot_abs_mean_deg`, `rot_abs_std_deg`, `rot_sq_mean_deg2`, `rot_sq_std_deg2`; None without a
         relation), `used`, `missed`; the same under `short` (|t2 - t1| < 10 s) and `long` (> 60 s).
+
+    Raises
+    ------
+    InputError
+        No relation matches.
+    """
+    trans, rot, used = relation_errors(trajectory, relations, tolerance)
+    apart = np.abs(relations.second - relations.first)
+    result = _figures(trans, rot, used, np.ones_like(used))
+    result["short"] = _figures(trans, rot, used, apart < SHORT)
+    result["long"] = _figures(trans, rot, used, apart > LONG)
+    return result
+
+
+def relation_errors(
+    trajectory: StampedPoses, relations: Relations, tolerance: float = TOLERANCE
+) -> tuple[F64, F64, NDArray[np.bool_]]:
+    """Return |e_trans| [m], |e_rot| [deg] of each relation, e = measured^-1 * estimated, and which are used.
+
+    Each time of a relation is matched to the nearest pose within `tolerance` [s]; a relation without
+    both is missed, its errors mean nothing. Three arrays of shape (n,).
 
     Raises
     ------
@@ -83,11 +101,7 @@ def score_relations(trajectory: StampedPoses, relations: Relations, tolerance: f
     error = relative(relations.poses, estimated)
     trans = np.hypot(error[:, 0], error[:, 1])
     rot = np.degrees(np.abs(error[:, 2]))
-    apart = np.abs(relations.second - relations.first)
-    result = _figures(trans, rot, used, np.ones_like(used))
-    result["short"] = _figures(trans, rot, used, apart < SHORT)
-    result["long"] = _figures(trans, rot, used, apart > LONG)
-    return result
+    return trans, rot, used
 
 
 def _figures(trans: F64, rot: F64, used: NDArray[np.bool_], subset: NDArray[np.bool_]) -> dict[str, Any]:

@@ -143,6 +143,10 @@ class TestEvaluate(CommandSuite):
     plugin = "evaluate"
 
 
+class TestAblate(CommandSuite):
+    plugin = "ablate"
+
+
 class TestDemo(CommandSuite):
     plugin = "demo"
 

@@ -26,15 +26,17 @@ class Experiment(Command):
         names = parser.add_subparsers(dest="experiment", required=True, metavar="NAME")
         for name, (path, summary) in EXPERIMENTS.items():
             one = names.add_parser(name, help=summary, description=summary)
+            entry = _entry(path)
+            runs = getattr(entry, "runs", 1000)
             one.add_argument(
-                "--runs", type=int, default=1000, metavar="N", help="scenarios of each kind (default 1000)"
+                "--runs", type=int, default=runs, metavar="N", help=f"scenarios of each kind (default {runs})"
             )
             one.add_argument("--seed", type=int, default=0, metavar="S", help="of all random numbers (default 0)")
             one.add_argument("--out", default=f"runs/{name}", metavar="DIR", help=f"default runs/{name}")
             one.add_argument("--jobs", type=int, default=0, metavar="N", help="processes (default: one a core)")
             one.add_argument("--json", action="store_true", help="print the results as JSON")
             one.add_argument("--no-figures", action="store_true", help="numbers only: needs no matplotlib")
-            _entry(path).arguments(one)
+            entry.arguments(one)
 
     def run(self, arguments: Any) -> int:
         """Run the experiment that was named."""

@@ -21,4 +21,24 @@ EXPERIMENTS: dict[str, tuple[str, str]] = {
         "knotwork.plugins.commands.experiment.depth_robot:DepthRobot",
         "a wheeled base with a camera: depths by backing up, then the goal view",
     ),
+    "square-room": (
+        "knotwork.plugins.commands.experiment.square_room:SquareRoom",
+        "Fig. 7.5 and 7.6: mapping error of each map against the side of a square room",
+    ),
+    "circular-room": (
+        "knotwork.plugins.commands.experiment.circular_room:CircularRoom",
+        "Fig. 7.7 and 7.8: mapping error of each map against the sensor's noise",
+    ),
+    "timing": (
+        "knotwork.plugins.commands.experiment.map_timing:MapTiming",
+        "Table 7.1: what a scan costs to map, each map at 5 cm",
+    ),
+    "corridor-memory": (
+        "knotwork.plugins.commands.experiment.corridor_memory:CorridorMemory",
+        "section 6.5: memory of each map of a corridor and of an apartment",
+    ),
+    "pillars": (
+        "knotwork.plugins.commands.experiment.pillars:Pillars",
+        "the pillars of turtlebot3_world, mapped from exact poses and found in the map",
+    ),
 }
