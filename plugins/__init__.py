@@ -7,8 +7,10 @@ BUILTINS = (
     "knotwork.plugins.drivers.dynamixel_wheels",
     "knotwork.plugins.drivers.gazebo_text",
     "knotwork.plugins.drivers.lds01",
+    "knotwork.plugins.drivers.mcap_log",
     "knotwork.plugins.drivers.minesrover",
     "knotwork.plugins.drivers.opencr",
+    "knotwork.plugins.drivers.rosbag",
     "knotwork.plugins.drivers.sim2d",
     "knotwork.plugins.drivers.sim_camera",
     "knotwork.plugins.maps.gp",
@@ -38,4 +40,5 @@ BUILTINS = (
     "knotwork.plugins.commands.experiment",
     "knotwork.plugins.commands.log",
     "knotwork.plugins.commands.map",
+    "knotwork.plugins.commands.replay",
 )
