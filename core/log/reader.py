@@ -28,8 +28,8 @@ class LogChannel:
 
     Attributes
     ----------
-    definition
-        The schema itself.
+    schema_encoding, definition
+        The schema itself and what it is written in.
     stream, type
         `node.port` and message type of a lossless channel; "" for a view or a foreign channel.
     wall_clock
@@ -42,6 +42,7 @@ class LogChannel:
     encoding: str
     schema: str
     metadata: dict[str, str]
+    schema_encoding: str = ""
     definition: bytes = b""
     stream: str = ""
     type: str = ""
@@ -119,7 +120,7 @@ class Log:
         InputError
             The file cannot be opened or is not MCAP.
         """
-        for channel, message in self._raw():
+        for channel, message in self.file_order():
             channel.saw(message.log_time)
 
     def messages(
@@ -145,7 +146,7 @@ class Log:
             installed plugin knows, is left out and counted in `unreadable`.
         """
         classes: dict[str, type[Message] | None] = {}
-        for channel, raw in self._raw():
+        for channel, raw in self.file_order():
             name = channel.type
             if (
                 not name
@@ -182,7 +183,7 @@ class Log:
         """
         found = summary(self.path)
         if found is None or not found.chunks:
-            for channel, message in self._raw():
+            for channel, message in self.file_order():
                 if message.log_time >= start and (stop is None or message.log_time <= stop):
                     yield channel, message
             return
@@ -222,8 +223,14 @@ class Log:
     def _leave_out(self, reason: str) -> None:
         self.unreadable[reason] = self.unreadable.get(reason, 0) + 1
 
-    def _raw(self) -> Iterator[tuple[LogChannel, RawMessage]]:
-        """Yield messages with their channels; a message of no known channel is counted."""
+    def file_order(self) -> Iterator[tuple[LogChannel, RawMessage]]:
+        """Yield channels and undecoded messages as they stand in the file; one of no known channel is counted.
+
+        Raises
+        ------
+        InputError
+            The file cannot be opened or is not MCAP.
+        """
         self._begin()
         schemas: dict[int, Schema] = {}
         for record in records(self.path, self.damage):
@@ -246,8 +253,8 @@ class Log:
 
 
 def _channel(record: Channel, schema: Schema | None) -> LogChannel:
-    name, definition = ("", b"") if schema is None else (schema.name, schema.data)
-    out = LogChannel(record.topic, record.message_encoding, name, record.metadata, definition)
+    name, encoding, definition = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
+    out = LogChannel(record.topic, record.message_encoding, name, record.metadata, encoding, definition)
     out.wall_clock = record.metadata.get("wall_clock") == "true"
     if record.message_encoding == ENCODING and record.metadata.keys() >= {"stream", "type"}:
         out.stream = record.metadata["stream"]

@@ -10,7 +10,6 @@ from knotwork.core import config, graph
 from knotwork.core.cli.main import main
 from knotwork.core.contracts import Command
 from knotwork.core.errors import InputError
-from knotwork.core.log.reader import Log
 from knotwork.core.registry import Registry
 from knotwork.core.runtime import Run
 from knotwork.plugins.commands.replay.comparison import Comparison
@@ -24,7 +23,7 @@ class Replay(Command):
 
     def arguments(self, parser: Any) -> None:
         """Add the arguments."""
-        parser.add_argument("file", type=Path, metavar="FILE", help="log of a run")
+        parser.add_argument("file", type=Path, metavar="FILE", help="log of a run; 'log.*.mcap' for one in parts")
         parser.add_argument(
             "--check", action="store_true", help="compare with what the log has, name the first difference; no sinks"
         )
@@ -82,10 +81,10 @@ def _check(arguments: Any, run: Stored, out: Path) -> int:
     computed = {name for name, node in pipeline.nodes.items() if node.plugin != "mcap-log"}
     if not computed:
         raise InputError("its pipeline computes nothing: there is nothing to check", where=str(run.path))
-    log = Log(run.path)
-    log.overview()
-    whole = log.damage.complete
-    comparison = Comparison(log, computed, _recorded(run), whole, lambda: execution.stop("a difference"))
+    if run.cut and run.cut[0]:
+        raise InputError("is a later part of a run: what came before it cannot be known", where=str(run.path))
+    whole = run.logs[-1].damage.complete and not run.cut
+    comparison = Comparison(run.logs, computed, _recorded(run), whole, lambda: execution.stop("a difference"))
     execution.tap(comparison.see)
     result = execution.execute()
     if result.failure is None:
@@ -103,7 +102,7 @@ def _check(arguments: Any, run: Stored, out: Path) -> int:
         return 1
     streams = ", ".join(f"{stream} {count}" for stream, count in sorted(comparison.same.items()))
     sys.stdout.write(f"{run.path}: identical: {n} messages ({streams})\n")
-    for reason, count in log.unreadable.items():
+    for reason, count in ((r, n) for log in run.logs for r, n in log.unreadable.items()):
         sys.stdout.write(f"not compared: {count} messages: {reason}\n")
     if comparison.beyond:
         sys.stdout.write(f"the log was cut short; the run gave {comparison.beyond} messages more\n")

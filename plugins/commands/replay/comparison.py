@@ -35,8 +35,8 @@ class Comparison:
 
     Parameters
     ----------
-    log
-        What was logged.
+    logs
+        What was logged, in order.
     nodes
         The nodes that run again.
     recorded
@@ -48,7 +48,12 @@ class Comparison:
     """
 
     def __init__(
-        self, log: Log, nodes: set[str], recorded: Callable[[str], bool], whole: bool, differs: Callable[[], None]
+        self,
+        logs: list[Log],
+        nodes: set[str],
+        recorded: Callable[[str], bool],
+        whole: bool,
+        differs: Callable[[], None],
     ) -> None:
         self.difference: Difference | None = None
         self.same: dict[str, int] = {}
@@ -57,8 +62,7 @@ class Comparison:
         self._recorded = recorded
         self._whole = whole
         self._differs = differs
-        self._log = log
-        self._logged = self._expected(log)
+        self._logged = self._expected(logs)
 
     def see(self, stream: str, message: Message) -> None:
         """Compare one message of the run."""
@@ -85,10 +89,11 @@ class Comparison:
         self.difference = Difference(stream, message.stamp, text)
         self._differs()
 
-    def _expected(self, log: Log) -> Iterator[tuple[str, Message]]:
-        for stream, message in log.messages(wall_clock=False):
-            if self._compared(stream, message):
-                yield stream, message
+    def _expected(self, logs: list[Log]) -> Iterator[tuple[str, Message]]:
+        for log in logs:
+            for stream, message in log.messages(wall_clock=False):
+                if self._compared(stream, message):
+                    yield stream, message
 
     def _compared(self, stream: str, message: Message) -> bool:
         if is_wall_clock(message.type_name) or not self._recorded(stream):

@@ -8,6 +8,7 @@ import yaml
 
 from knotwork.core.errors import InputError
 from knotwork.core.log.reader import Log
+from knotwork.core.playback.recording import parts
 from knotwork.core.registry import Registry
 
 
@@ -17,6 +18,10 @@ class Stored:
 
     Attributes
     ----------
+    path, logs
+        The file, or the pattern of the parts of one run, and these parts, looked at.
+    cut
+        Which part of the run the log is, as `knotwork log cut` has written; empty for all.
     config
         The resolved pipeline, as plain data.
     kinds
@@ -28,6 +33,8 @@ class Stored:
     """
 
     path: Path
+    logs: list[Log]
+    cut: list[float | None]
     config: dict[str, Any]
     kinds: dict[str, str]
     external: frozenset[str]
@@ -42,9 +49,11 @@ def stored(path: Path, registry: Registry) -> Stored:
     InputError
         It cannot be read, or does not say which pipeline wrote it.
     """
-    log = Log(path)
-    log.overview()
-    text = log.run.get("config")
+    logs = [Log(part) for part in parts(str(path))]
+    for log in logs:
+        log.overview()
+    about = logs[0].run
+    text = about.get("config")
     try:
         config = yaml.safe_load(text) if isinstance(text, str) else None
     except yaml.YAMLError:
@@ -56,15 +65,22 @@ def stored(path: Path, registry: Registry) -> Stored:
             hint="name one that reads it: {plugin: mcap-log, path: ...}",
         )
     manifests = {name: registry.find(str(node.get("plugin"))) for name, node in config["nodes"].items()}
-    told = log.run.get("external")
+    told = about.get("external")
     if not isinstance(told, list):
         told = [name for name, manifest in manifests.items() if manifest is not None and manifest.external]
+    streams: dict[str, int] = {}
+    for log in logs:
+        for channel in log.channels.values():
+            if channel.stream and channel.count:
+                streams[channel.stream] = streams.get(channel.stream, 0) + channel.count
     return Stored(
         path,
+        logs,
+        about.get("cut") or [],
         config,
         {name: manifest.kind if manifest is not None else "" for name, manifest in manifests.items()},
         frozenset(told),
-        {channel.stream: channel.count for channel in log.channels.values() if channel.stream and channel.count},
+        streams,
     )
 
 

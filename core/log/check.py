@@ -1,0 +1,130 @@
+"""Everything that must hold of a finished log, read through once."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from knotwork.core import codec
+from knotwork.core.errors import InputError
+from knotwork.core.log.reader import Log, LogChannel
+from knotwork.core.log.records import Damage, RawMessage, chunk_records
+from knotwork.core.log.summary import Summary, summary
+from knotwork.core.log.writer import MAGIC
+from knotwork.core.message_types import message_class
+from knotwork.core.messages import Message
+
+_FOOTER = 9 + 20 + len(MAGIC)
+_DATA_END = 9 + 4
+_BLOCK = 1 << 20
+_SHOWN = 5  # findings of one kind
+
+
+@dataclass(slots=True)
+class Findings:
+    """What is wrong with a log.
+
+    Attributes
+    ----------
+    problems
+        One line each; none for a sound log.
+    messages
+        That were read.
+    missing
+        Dispatch numbers that no message has: left out by the recorder's config, dropped, or damaged.
+    """
+
+    problems: list[str] = field(default_factory=list)
+    messages: int = 0
+    missing: int = 0
+
+
+def check(path: Path) -> Findings:
+    """Read a log through: checksums, indexes, counts, times that never fall, every message decodable.
+
+    Raises
+    ------
+    InputError
+        The file cannot be opened or is not MCAP.
+    """
+    out = Findings()
+    log = Log(path)
+    falls = 0
+    before = 0
+    classes: dict[str, type[Message] | None] = {}
+    last_seq = -1
+    bad: dict[str, int] = {}
+    for channel, message in log.file_order():
+        channel.saw(message.log_time)
+        out.messages += 1
+        falls += message.log_time < before
+        before = max(before, message.log_time)
+        if channel.type:
+            if text := _undecodable(channel, message, classes):
+                bad[text] = bad.get(text, 0) + 1
+            if message.sequence > last_seq:
+                out.missing += message.sequence - last_seq - 1
+                last_seq = message.sequence
+    out.problems += log.damage.notes
+    if not log.damage.complete:
+        out.problems.append(f"it has no end: ordinary readers see nothing (knotwork log recover {path})")
+    if falls:
+        out.problems.append(f"log times fall {falls} times")
+    out.problems += [f"{n} messages: {text}" for text, n in (bad | log.unreadable).items()]
+    if log.damage.complete:
+        out.problems += _end(path, log)
+    return out
+
+
+def _undecodable(channel: LogChannel, message: RawMessage, classes: dict[str, type[Message] | None]) -> str:
+    try:
+        if channel.type not in classes:
+            classes[channel.type] = None
+            classes[channel.type] = message_class(channel.type)
+        cls = classes[channel.type]
+        if cls is None:
+            return f"of unknown type `{channel.type}`"
+        codec.decode(cls, message.data)
+    except InputError as error:
+        return error.message
+    return ""
+
+
+def _end(path: Path, log: Log) -> Iterator[str]:
+    found = summary(path)
+    if found is None or found.statistics is None:
+        yield "its summary is missing or makes no sense"
+        return
+    if not _checksum_fits(path):
+        yield "the checksum of the data is wrong: some byte has changed"
+    counted = {number: channel.count for number, channel in log.channels.items() if channel.count}
+    if counted != {number: n for number, n in found.statistics.channel_message_counts.items() if n}:
+        yield f"it claims {found.statistics.message_count} messages, {sum(counted.values())} were read"
+    yield from list(_indexes(path, found))[:_SHOWN]
+
+
+def _indexes(path: Path, found: Summary) -> Iterator[str]:
+    given = chunk_records(path, ((c.offset, c.length) for c in found.chunks), Damage())
+    for place, records in zip(found.chunks, given, strict=True):
+        times = [record.log_time for record in records if isinstance(record, RawMessage)]
+        channels = {record.channel for record in records if isinstance(record, RawMessage)}
+        if times and ((min(times), max(times)) != (place.start, place.end) or channels != place.indexes.keys()):
+            yield f"byte {place.offset}: the chunk is not what its index says"
+
+
+def _checksum_fits(path: Path) -> bool:
+    """Compare the checksum before the summary with the bytes before it; 0 is "not computed"."""
+    with path.open("rb") as file:
+        size = file.seek(0, 2)
+        file.seek(size - _FOOTER + 9)
+        start = struct.unpack("<Q", file.read(8))[0]
+        file.seek(start - 4)
+        claimed = struct.unpack("<I", file.read(4))[0]
+        file.seek(0)
+        left = start - _DATA_END
+        crc = 0
+        while left > 0 and (block := file.read(min(left, _BLOCK))):
+            crc = zlib.crc32(block, crc)
+            left -= len(block)
+    return claimed in (0, crc)
