@@ -30,17 +30,16 @@ class McapRecording(Recording):
         self.logs = [Log(part) for part in parts(path)]
         self.run: dict[str, Any] = {}
         known: dict[str, LogChannel] = {}
+        counts: dict[str, int] = {}
         for log in self.logs:
             log.overview()
             self.run = self.run or log.run
             for channel in log.channels.values():
-                if channel.count or not known.get(_name(channel)):
-                    before = known.get(_name(channel))
-                    channel.count += before.count if before else 0
-                    known[_name(channel)] = channel
-        told = [c for log in self.logs for c in log.channels.values() if c.first or c.last]
-        self.start = min((c.first for c in told), default=0)
-        self.end = max((c.last for c in told), default=0)
+                known.setdefault(_name(channel), channel)
+                counts[_name(channel)] = counts.get(_name(channel), 0) + channel.count
+        self._spans = [_span(log) for log in self.logs]
+        self.start = min(first for first, _ in self._spans)
+        self.end = max(last for _, last in self._spans)
         ours = any(channel.type for channel in known.values())
         for name, channel in known.items():
             if ours and not channel.type:
@@ -53,13 +52,13 @@ class McapRecording(Recording):
             if track is None:
                 self.other[name] = channel.schema or channel.encoding or "no schema"
             else:
-                track.count = channel.count
+                track.count = counts[name]
                 self.tracks[name] = track
 
     def messages(self, start: int, stop: int | None) -> Iterator[tuple[Track, int, bytes]]:
         """Yield track, log time [ns] and bytes."""
-        for log in self.logs:
-            if stop is not None and all(c.first > stop for c in log.channels.values() if c.count):
+        for log, (first, last) in zip(self.logs, self._spans, strict=True):
+            if last < start or (stop is not None and first > stop):
                 continue
             for channel, raw in log.raw(start, stop):
                 track = self.tracks.get(_name(channel))
@@ -89,6 +88,12 @@ class McapRecording(Recording):
             self.damages.add("cut_files", f"{where}: has no end; what is there was read (knotwork log recover {where})")
         for reason, n in log.unreadable.items():
             self.damages.add("unreadable_messages", f"{where}: {n} messages left out: {reason}", n)
+
+
+def _span(log: Log) -> tuple[int, int]:
+    """Return the first and last log time [ns] of a log that has been looked at."""
+    used = [channel for channel in log.channels.values() if channel.count]
+    return min((c.first for c in used), default=0), max((c.last for c in used), default=0)
 
 
 def _name(channel: LogChannel) -> str:
