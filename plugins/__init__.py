@@ -33,6 +33,7 @@ BUILTINS = (
     "knotwork.plugins.sinks.mcap",
     "knotwork.plugins.sinks.summary",
     "knotwork.plugins.sinks.trajectory",
+    "knotwork.plugins.commands.data",
     "knotwork.plugins.commands.demo",
     "knotwork.plugins.commands.doctor",
     "knotwork.plugins.commands.emulate",
