@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 from knotwork.core import codec
 from knotwork.core.errors import InputError
@@ -96,8 +97,7 @@ def _end(path: Path, log: Log) -> Iterator[str]:
     if found is None or found.statistics is None:
         yield "its summary is missing or makes no sense"
         return
-    if not _checksum_fits(path):
-        yield "the checksum of the data is wrong: some byte has changed"
+    yield from _checksums(path)
     counted = {number: channel.count for number, channel in log.channels.items() if channel.count}
     if counted != {number: n for number, n in found.statistics.channel_message_counts.items() if n}:
         yield f"it claims {found.statistics.message_count} messages, {sum(counted.values())} were read"
@@ -113,18 +113,24 @@ def _indexes(path: Path, found: Summary) -> Iterator[str]:
             yield f"byte {place.offset}: the chunk is not what its index says"
 
 
-def _checksum_fits(path: Path) -> bool:
-    """Compare the checksum before the summary with the bytes before it; 0 is "not computed"."""
+def _checksums(path: Path) -> Iterator[str]:
+    """Compare the checksums of data and summary with the bytes; 0 is "not computed"."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(size - _FOOTER + 9)
-        start = struct.unpack("<Q", file.read(8))[0]
+        start, _, of_summary = struct.unpack("<QQI", file.read(20))
         file.seek(start - 4)
-        claimed = struct.unpack("<I", file.read(4))[0]
-        file.seek(0)
-        left = start - _DATA_END
-        crc = 0
-        while left > 0 and (block := file.read(min(left, _BLOCK))):
-            crc = zlib.crc32(block, crc)
-            left -= len(block)
-    return claimed in (0, crc)
+        (of_data,) = struct.unpack("<I", file.read(4))
+        if of_data not in (0, _crc(file, 0, start - _DATA_END)):
+            yield "the checksum of the data is wrong: some byte has changed"
+        if of_summary not in (0, _crc(file, start, size - _FOOTER + 25)):
+            yield "the checksum of the summary is wrong: some byte has changed"
+
+
+def _crc(file: BinaryIO, start: int, end: int) -> int:
+    file.seek(start)
+    crc = 0
+    while start < end and (block := file.read(min(end - start, _BLOCK))):
+        crc = zlib.crc32(block, crc)
+        start += len(block)
+    return crc

@@ -121,12 +121,18 @@ def _spans(data: mmap, out: Summary) -> None:
     """Read the first and the last message index of each channel."""
     for channel in out.channels:
         own = [chunk for chunk in out.chunks if channel in chunk.indexes]
+        first = last = -1
+        for chunk in sorted(own, key=lambda chunk: chunk.start):
+            if 0 <= first <= chunk.start:
+                break  # no later one can begin before it
+            times = _index_times(data, chunk.indexes[channel])
+            first = min(times) if first < 0 else min(first, *times)
+        for chunk in sorted(own, key=lambda chunk: -chunk.end):
+            if last >= chunk.end:
+                break
+            last = max(last, *_index_times(data, chunk.indexes[channel]))
         if own:
-            first = min(own, key=lambda chunk: chunk.start)
-            last = max(own, key=lambda chunk: chunk.end)
-            times = _index_times(data, first.indexes[channel]) + _index_times(data, last.indexes[channel])
-            if times:
-                out.spans[channel] = min(times), max(times)
+            out.spans[channel] = first, last
 
 
 def _index_times(data: mmap, at: int) -> tuple[int, ...]:
