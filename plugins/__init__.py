@@ -10,6 +10,7 @@ BUILTINS = (
     "knotwork.plugins.drivers.mcap_log",
     "knotwork.plugins.drivers.minesrover",
     "knotwork.plugins.drivers.opencr",
+    "knotwork.plugins.drivers.rawlog",
     "knotwork.plugins.drivers.rosbag",
     "knotwork.plugins.drivers.sim2d",
     "knotwork.plugins.drivers.sim_camera",

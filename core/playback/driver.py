@@ -178,7 +178,7 @@ class PlaybackDriver(Driver):
             except (ValueError, ArithmeticError, AttributeError, KnotworkError) as error:
                 self._refuse(track, arrival, error)
 
-    def _read(self, track: Track, arrival: int, data: bytes) -> list[Message]:
+    def _read(self, track: Track, arrival: int, data: Any) -> list[Message]:
         found = track.decode(data)
         if track.convert is None:
             return [found]

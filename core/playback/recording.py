@@ -22,7 +22,8 @@ class Track:
     type, role
         Of the messages it gives.
     decode
-        Bytes to the message as its maker defined it, or to ours; raises ValueError or KnotworkError.
+        What stands in the recording (bytes) to the message as its maker defined it, or to ours; raises
+        ValueError or KnotworkError.
     convert
         That message, time of arrival [ns], frames and number to ours; None when `decode` gives ours.
     source
@@ -34,7 +35,7 @@ class Track:
     topic: str
     type: str
     role: str
-    decode: Callable[[bytes], Any]
+    decode: Callable[[Any], Any]
     convert: Callable[[Any, int, Frames, int], Iterator[Message]] | None = None
     source: bool = True
     count: int = 0
@@ -77,8 +78,8 @@ class Recording(ABC):
         self.damages = Damages()
 
     @abstractmethod
-    def messages(self, start: int, stop: int | None) -> Iterator[tuple[Track, int, bytes]]:
-        """Yield track, time of arrival [ns] and bytes in order of arrival; raises nothing for damage."""
+    def messages(self, start: int, stop: int | None) -> Iterator[tuple[Track, int, Any]]:
+        """Yield track, time of arrival [ns] and what `decode` takes, in order of arrival; damage raises nothing."""
 
     def close(self) -> None:  # noqa: B027 - not every recording keeps a file open
         """Release the files."""

@@ -1,5 +1,6 @@
 """The conformance kit on everything that ships."""
 
+import struct
 import uuid
 from pathlib import Path
 from typing import ClassVar
@@ -86,6 +87,16 @@ class TestRosbag(DriverSuite):
                         connections[topic] = writer.add_connection(topic, name, typestore=ros.store)
                     writer.write(connections[topic], time, ros.store.serialize_ros1(message, name))
         return {"path": str(path)}
+
+
+class TestRawlog(DriverSuite):
+    plugin = "rawlog"
+
+    def files(self, folder: Path):
+        pose = b"\x87CPose2D\x01" + struct.pack("<3d", 1.0, 2.0, 0.5) + b"\x88"
+        tail = struct.pack("<I", 0) + struct.pack("<Q", 132_000_000_000_000_000) + b"\x88"
+        (folder / "a.rawlog").write_bytes((b"\x94CObservationOdometry\x00" + pose + tail) * 10)
+        return {"path": str(folder / "a.rawlog")}
 
 
 class TestSim2d(DriverSuite):

@@ -31,10 +31,7 @@ def run(arguments: Any) -> int:
     output = (arguments.output or path.with_name(path.name + ".mcap")).absolute()
     driver = arguments.driver
     if driver is None:
-        found = recognise(path)
-        if not found.driver:
-            raise InputError(f"it is a {found.name}, and no driver reads that", where=str(path))
-        driver = found.driver
+        driver = recognise(path).driver
     if output.exists() and output.samefile(path):
         raise InputError("the output must be another file than the recording", where=str(output))
     nodes = {

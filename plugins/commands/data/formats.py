@@ -14,7 +14,7 @@ _RAWLOG = (b"mrpt::obs::", b"CObservation", b"CSensoryFrame", b"CActionCollectio
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format in words, and the driver plugin that reads it; "" when none does."""
+    """A format in words, and the driver plugin that reads it."""
 
     name: str
     driver: str
@@ -40,7 +40,7 @@ def recognise(path: Path) -> Format:
     if head.startswith(b"SQLite format 3\0"):
         return Format("ROS 2 bag (sqlite3)", "rosbag")
     if any(name in head[:200] for name in _RAWLOG):
-        return Format("MRPT rawlog", "")
+        return Format("MRPT rawlog", "rawlog")
     lines = [line for line in head.splitlines()[:-1] if line.strip() and not line.startswith(b"#")]
     if any(line.startswith(_LASERS) for line in lines):
         return Format("CARMEN log", "carmen")
@@ -48,7 +48,9 @@ def recognise(path: Path) -> Format:
         return Format("text log of a simulated TurtleBot3 in Gazebo", "gazebo-text")
     if lines and all(_numbers(line) == 707 for line in lines[:3]):
         return Format("MinesRover log", "minesrover")
-    raise InputError("none of the known formats: MCAP, ROS bag, CARMEN log, Gazebo text, MinesRover", where=str(path))
+    raise InputError(
+        "none of the known formats: MCAP, ROS bag, MRPT rawlog, CARMEN log, Gazebo text, MinesRover", where=str(path)
+    )
 
 
 def _head(path: Path) -> bytes:

@@ -19,8 +19,8 @@ def run(arguments: Any) -> int:
     path: Path = arguments.file
     found = recognise(path)
     files = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file())
-    reader = f"read by `{found.driver}`" if found.driver else "no driver reads it"
-    lines = [f"{path}: {found.name}, {sum(p.stat().st_size for p in files) / 1e6:.2f} MB, {reader}"]
+    size = sum(p.stat().st_size for p in files) / 1e6
+    lines = [f"{path}: {found.name}, {size:.2f} MB, read by `{found.driver}`"]
     recording = _opened(found.driver, path)
     if recording is not None:
         lines.append(f"{(recording.end - recording.start) / 1e9:.3f} s, from {recording.start / 1e9:.3f}")
@@ -38,6 +38,10 @@ def _opened(driver: str, path: Path) -> Recording | None:
         from knotwork.core.playback.mcap import McapRecording
 
         return McapRecording(str(path))
+    if driver == "rawlog":
+        from knotwork.core.playback.rawlog import RawlogRecording
+
+        return RawlogRecording(str(path))
     if driver == "rosbag":
         try:
             from knotwork.core.playback.rosbag import RosbagRecording

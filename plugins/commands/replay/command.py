@@ -93,6 +93,8 @@ def _check(arguments: Any, run: Stored, out: Path) -> int:
     found = comparison.difference
     if found is not None:
         sys.stdout.write(f"{run.path}: first difference after {n} identical messages: {found}\n")
+        if comparison.missing:
+            sys.stdout.write(f"before it the log lacks {comparison.missing} messages that the run had\n")
         return 1
     if result.failure is not None:
         sys.stderr.write(f"knotwork: {result.failure}\n")

@@ -57,6 +57,7 @@ class Comparison:
     ) -> None:
         self.difference: Difference | None = None
         self.same: dict[str, int] = {}
+        self.missing = 0  # dispatched messages that the log lacks, as far as it was compared
         self.beyond = 0  # messages after the end of a log that was cut short
         self._nodes = nodes
         self._recorded = recorded
@@ -90,8 +91,11 @@ class Comparison:
         self._differs()
 
     def _expected(self, logs: list[Log]) -> Iterator[tuple[str, Message]]:
+        last = -1
         for log in logs:
-            for stream, message in log.messages(wall_clock=False):
+            for stream, message in log.messages():
+                self.missing += max(message.seq - last - 1, 0)
+                last = max(last, message.seq)
                 if self._compared(stream, message):
                     yield stream, message
 

@@ -158,7 +158,7 @@ def test_a_bag_to_mcap(tmp_path, capsys):
     ("content", "says"),
     [
         (b"hello\n", "none of the known formats"),
-        (b"\xcfmrpt::obs::CObservation2DRangeScan\x07", "it is a MRPT rawlog, and no driver reads that"),
+        (b"\xa2mrpt::obs::CObservation2DRangeScan\x07", "a rawlog without scans and odometry"),
         (None, "no such file"),
     ],
 )
