@@ -55,6 +55,16 @@ class Message:
         object.__setattr__(out, "seq", seq)
         return out
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays and files: what makes one message larger than another."""
+        total = 0
+        for name in _heavy_fields(type(self)):
+            value = getattr(self, name)
+            if value is not None:
+                total += len(value) if isinstance(value, bytes) else value.nbytes
+        return total
+
     def copy(self) -> Self:
         """Shallow copy (arrays are read-only and shared)."""
         return type(self)(**{f.name: getattr(self, f.name) for f in fields(self)})
@@ -68,6 +78,17 @@ def _array_fields(cls: type[Message]) -> tuple[str, ...]:
     if names is None:
         names = tuple(f.name for f in fields(cls) if "NDArray" in str(f.type) or "ndarray" in str(f.type))
         _ARRAY_FIELDS[cls] = names
+    return names
+
+
+_HEAVY_FIELDS: dict[type, tuple[str, ...]] = {}
+
+
+def _heavy_fields(cls: type[Message]) -> tuple[str, ...]:
+    names = _HEAVY_FIELDS.get(cls)
+    if names is None:
+        files = tuple(f.name for f in fields(cls) if f.type in (bytes, "bytes"))
+        names = _HEAVY_FIELDS[cls] = _array_fields(cls) + files
     return names
 
 

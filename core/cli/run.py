@@ -105,6 +105,7 @@ def header(pipeline: "Pipeline", registry: Registry) -> dict[str, Any]:
         "config": config.show(pipeline),
         "versions": versions,
         "plugins": {name: f"{r.name} ({r.distribution})" for name, r in records.items() if r is not None},
+        "external": [name for name, node in pipeline.nodes.items() if node.manifest.external],
     }
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ from mcap.records import Channel, Header, Metadata, Schema
 
 from knotwork.core import codec
 from knotwork.core.errors import InputError
-from knotwork.core.log.records import Damage, RawMessage, records
+from knotwork.core.log.records import Damage, RawMessage, chunk_records, records
+from knotwork.core.log.summary import Summary, summary
 from knotwork.core.message_types import message_class
 from knotwork.core.messages import Message
 
@@ -26,6 +28,8 @@ class LogChannel:
 
     Attributes
     ----------
+    schema_encoding, definition
+        The schema itself and what it is written in.
     stream, type
         `node.port` and message type of a lossless channel; "" for a view or a foreign channel.
     wall_clock
@@ -38,6 +42,8 @@ class LogChannel:
     encoding: str
     schema: str
     metadata: dict[str, str]
+    schema_encoding: str = ""
+    definition: bytes = b""
     stream: str = ""
     type: str = ""
     wall_clock: bool = False
@@ -84,6 +90,28 @@ class Log:
         self.library = ""
         self.unreadable: dict[str, int] = {}
 
+    def overview(self) -> None:
+        """Read channels, counts and times from the end of a finished file; of any other file, `scan`.
+
+        Raises
+        ------
+        InputError
+            The file cannot be opened or is not MCAP.
+        """
+        found = summary(self.path)
+        if found is None or found.statistics is None:
+            self.scan()
+            return
+        self._begin()
+        self._take(found)
+        self.damage.complete = True
+        counts = found.statistics.channel_message_counts
+        for number, channel in self.channels.items():
+            channel.count = counts.get(number, 0)
+            channel.first, channel.last = found.spans.get(
+                number, (found.statistics.message_start_time, found.statistics.message_end_time)
+            )
+
     def scan(self) -> None:
         """Read the whole file for its channels, counts, times and damage.
 
@@ -92,7 +120,7 @@ class Log:
         InputError
             The file cannot be opened or is not MCAP.
         """
-        for channel, message in self._raw():
+        for channel, message in self.file_order():
             channel.saw(message.log_time)
 
     def messages(
@@ -118,7 +146,7 @@ class Log:
             installed plugin knows, is left out and counted in `unreadable`.
         """
         classes: dict[str, type[Message] | None] = {}
-        for channel, raw in self._raw():
+        for channel, raw in self.file_order():
             name = channel.type
             if (
                 not name
@@ -138,36 +166,95 @@ class Log:
                 else:
                     raise InputError(f"unknown message type `{name}`")
             except InputError as error:
-                self.unreadable[error.message] = self.unreadable.get(error.message, 0) + 1
+                self._leave_out(error.message)
             else:
                 yield channel.stream, message
 
-    def _raw(self) -> Iterator[tuple[LogChannel, RawMessage]]:
-        """Yield messages with their channels; a message of no known channel is counted."""
+    def raw(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[LogChannel, RawMessage]]:
+        """Yield channels and undecoded messages in order of log time, those logged alike in the file's order.
+
+        The chunks outside [start, stop] [ns] of a finished file are not touched; a file without an index
+        is read from its beginning, in its own order.
+
+        Raises
+        ------
+        InputError
+            The file cannot be opened or is not MCAP.
+        """
+        found = summary(self.path)
+        if found is None or not found.chunks:
+            for channel, message in self.file_order():
+                if message.log_time >= start and (stop is None or message.log_time <= stop):
+                    yield channel, message
+            return
         self._begin()
-        schemas: dict[int, str] = {}
+        self._take(found)
+        self.damage.complete = True
+        chunks = [c for c in found.chunks if c.end >= start and (stop is None or c.start <= stop)]
+        chunks.sort(key=lambda chunk: chunk.start)
+        waiting: list[tuple[int, int, RawMessage]] = []
+        number = 0
+        for i, given in enumerate(chunk_records(self.path, ((c.offset, c.length) for c in chunks), self.damage)):
+            for record in given:
+                if isinstance(record, RawMessage) and record.log_time >= start:
+                    heappush(waiting, (record.log_time, number, record))
+                    number += 1
+            until = chunks[i + 1].start if i + 1 < len(chunks) else None
+            while waiting and (until is None or waiting[0][0] < until):
+                message = heappop(waiting)[2]
+                if stop is not None and message.log_time > stop:
+                    return
+                known = self.channels.get(message.channel)
+                if known is None:
+                    self._leave_out("message of an unknown channel")
+                else:
+                    yield known, message
+
+    def _take(self, found: Summary) -> None:
+        """Take what a summary says of the file."""
+        self.library = found.library
+        for record in found.metadata:
+            if record.name == RUN:
+                self.run = {key: _value(text) for key, text in record.metadata.items()}
+        self.channels = {
+            number: _channel(record, found.schemas.get(record.schema_id)) for number, record in found.channels.items()
+        }
+
+    def _leave_out(self, reason: str) -> None:
+        self.unreadable[reason] = self.unreadable.get(reason, 0) + 1
+
+    def file_order(self) -> Iterator[tuple[LogChannel, RawMessage]]:
+        """Yield channels and undecoded messages as they stand in the file; one of no known channel is counted.
+
+        Raises
+        ------
+        InputError
+            The file cannot be opened or is not MCAP.
+        """
+        self._begin()
+        schemas: dict[int, Schema] = {}
         for record in records(self.path, self.damage):
             if isinstance(record, RawMessage):
                 channel = self.channels.get(record.channel)
                 if channel is None:
-                    reason = "message of an unknown channel"
-                    self.unreadable[reason] = self.unreadable.get(reason, 0) + 1
+                    self._leave_out("message of an unknown channel")
                 else:
                     yield channel, record
             elif isinstance(record, Schema):
-                schemas[record.id] = record.name
+                schemas[record.id] = record
             elif isinstance(record, Channel):
                 known = self.channels.get(record.id)
                 if known is None or not known.count:  # a later copy may be the one with a checksum
-                    self.channels[record.id] = _channel(record, schemas.get(record.schema_id, ""))
+                    self.channels[record.id] = _channel(record, schemas.get(record.schema_id))
             elif isinstance(record, Metadata) and record.name == RUN:
                 self.run = {key: _value(text) for key, text in record.metadata.items()}
             elif isinstance(record, Header):
                 self.library = record.library
 
 
-def _channel(record: Channel, schema: str) -> LogChannel:
-    out = LogChannel(record.topic, record.message_encoding, schema, record.metadata)
+def _channel(record: Channel, schema: Schema | None) -> LogChannel:
+    name, encoding, definition = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
+    out = LogChannel(record.topic, record.message_encoding, name, record.metadata, encoding, definition)
     out.wall_clock = record.metadata.get("wall_clock") == "true"
     if record.message_encoding == ENCODING and record.metadata.keys() >= {"stream", "type"}:
         out.stream = record.metadata["stream"]

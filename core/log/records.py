@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -101,6 +101,29 @@ def records(path: Path, damage: Damage) -> Iterator[Record]:
                 damage.lost_bytes += length
                 name = Opcode(opcode).name.lower()
                 damage.notes.append(f"byte {before}: {name} unreadable: {error or type(error).__name__}")
+
+
+def chunk_records(path: Path, chunks: Iterable[tuple[int, int]], damage: Damage) -> Iterator[list[Record]]:
+    """Yield the records of each chunk at these (offset, length); of a damaged chunk none, and it is counted.
+
+    Raises
+    ------
+    InputError
+        The file cannot be opened or is not MCAP.
+    """
+    with open_log(path) as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        for offset, length in chunks:
+            try:
+                opcode, size = _head(data, offset)
+                if opcode != Opcode.CHUNK or size + _RECORD.size != length:
+                    raise ValueError("its index points elsewhere")
+                found = _chunk_records(_chunk_data(data[offset + _RECORD.size : offset + length]))
+            except _BROKEN as error:
+                damage.damaged_chunks += 1
+                damage.lost_bytes += length
+                damage.notes.append(f"byte {offset}: chunk unreadable: {error or type(error).__name__}")
+                found = []
+            yield found
 
 
 def _head(data: mmap, at: int) -> tuple[int, int]:

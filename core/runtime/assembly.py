@@ -112,6 +112,12 @@ def _worker(spec: "NodeSpec", sink: Sink, graph: Graph, report: Report) -> SinkW
         if given_up:
             report(spec.name, "error", "given up after repeated failures; the run goes on without it")
 
+    size, policy = _queue(spec, graph)
+
+    def dropping() -> None:
+        text = f"takes less than the run gives: its queue ({size} messages) is full, the oldest are dropped and counted"
+        report(spec.name, "error", text)
+
     context = sink.context
     assert isinstance(context, NodeContext)
-    return SinkWorker(sink, *_queue(spec, graph), context.clocked, context.histogram(), failed)
+    return SinkWorker(sink, size, policy, context.clocked, context.histogram(), failed, dropping)

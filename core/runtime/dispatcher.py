@@ -15,7 +15,7 @@ from knotwork.core.runtime.blame import blame, guarded
 from knotwork.core.runtime.inbox import Channel, Inbox
 from knotwork.core.runtime.pace import Pace
 from knotwork.core.runtime.sink_worker import SinkWorker
-from knotwork.core.runtime.sources import Source, Timers
+from knotwork.core.runtime.sources import Source, Timers, arrival
 from knotwork.core.runtime.timing import Clocked, Histogram
 
 
@@ -124,7 +124,9 @@ class Dispatcher:
         entry = self._inbox.take(wait)
         if entry is not None and entry.message is not None:
             if not isinstance(entry.message, Event):  # a remark may come before there is a measured time
-                self._begin(max(self.time, entry.message.stamp))
+                time = max(self.time, entry.message.stamp)
+                self._begin(time)
+                self._fire(time)  # so that `time` alone tells which timers came before: a replay needs no more
             self._event(entry.outlet, entry.message)
 
     def _advance(self, source: Source, time: int, outlet_of: Callable[[str, str], Outlet]) -> None:
@@ -146,7 +148,8 @@ class Dispatcher:
         self.drain()  # what the driver reported while it was pulled
 
     def _event(self, outlet: Outlet, message: Message) -> None:
-        self.time = max(self.time, message.stamp)
+        self.time = max(self.time, arrival(message))
+        self.seq = max(self.seq, message.seq)  # a logged message keeps its number
         self._pending.append((outlet, message))
         self.drain()
 
@@ -161,9 +164,9 @@ class Dispatcher:
 
 
 def _earliest(sources: list[Source]) -> Source | None:
-    """Return the source whose item comes first, of equals the first in the list."""
+    """Return the source whose item comes first (`Source.order`), of equals the first in the list."""
     earliest: Source | None = None
     for source in sources:
-        if source.item is not None and (earliest is None or source.time < earliest.time):
+        if source.item is not None and (earliest is None or source.order() < earliest.order()):
             earliest = source
     return earliest

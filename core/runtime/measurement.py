@@ -23,7 +23,7 @@ def measure(assembly: Assembly, begun: int, first_event: int) -> dict[str, Any]:
         worker = assembly.workers.get(name)
         if worker is not None:
             drops += worker.drops
-            figures |= {"backlog_max": worker.backlog_max, "failures": worker.failures}
+            figures |= {"backlog": worker.backlog, "backlog_max": worker.backlog_max, "failures": worker.failures}
         nodes.setdefault(name, {"n": 0})["drops"] = drops
         node = assembly.nodes.get(name)
         counters[name] = figures | (node.statistics() if node is not None else {})

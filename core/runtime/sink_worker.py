@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Condition, Thread
 
 from knotwork.core import clock
@@ -13,6 +14,7 @@ from knotwork.core.runtime.timing import Clocked, Histogram
 _WAKE_AT = 64  # messages; fewer wait for the next look, which saves a thread switch a message
 _LOOK_EVERY = 0.05  # s
 _GIVE_UP_AFTER = 10  # failures in a row
+_BYTES = 256 << 20  # that may wait: ten thousand scans are little, ten thousand images are not
 
 Failed = Callable[[Exception, bool], None]  # the error, and whether the sink is given up
 
@@ -21,7 +23,14 @@ class SinkWorker:
     """Hands messages to a sink; an error of the sink is reported and counted, the run goes on."""
 
     def __init__(
-        self, sink: Sink, size: int, policy: Policy, clocked: Clocked, histogram: Histogram, failed: Failed
+        self,
+        sink: Sink,
+        size: int,
+        policy: Policy,
+        clocked: Clocked,
+        histogram: Histogram,
+        failed: Failed,
+        dropping: Callable[[], None] = lambda: None,
     ) -> None:
         self.drops = 0
         self.failures = 0
@@ -32,6 +41,8 @@ class SinkWorker:
         self._clocked = clocked
         self._histogram = histogram
         self._failed = failed
+        self._dropping = dropping  # called at the first drop, in the dispatcher's thread
+        self._came = self._went = self._thrown = 0  # bytes; each is counted by one thread only
         self._in_a_row = 0
         self._queue: deque[tuple[str, Message]] = deque()
         self._changed = Condition()
@@ -49,25 +60,37 @@ class SinkWorker:
             self._hand(stream, message)
             return
         queue = self._queue
-        if len(queue) >= self._size:
+        self._came += message.nbytes
+        if self._full:
             self._make_room()
         queue.append((stream, message))
         if len(queue) == _WAKE_AT or len(queue) >= self._size:
             with self._changed:
                 self._changed.notify_all()
 
+    @property
+    def backlog(self) -> int:
+        """Messages that wait."""
+        return len(self._queue)
+
+    @property
+    def _full(self) -> bool:
+        waiting = len(self._queue)
+        return waiting >= self._size or (waiting > 0 and self._came - self._went - self._thrown > _BYTES)
+
     def _make_room(self) -> None:
         if self._policy == "block":
             with self._changed:
-                while len(self._queue) >= self._size and self._thread.is_alive():
+                while self._full and self._thread.is_alive():
                     self._changed.notify_all()
                     self._changed.wait(_LOOK_EVERY)
             return
-        try:
-            self._queue.popleft()
-            self.drops += 1
-        except IndexError:
-            pass  # the worker was faster
+        with suppress(IndexError):  # the worker was faster
+            while self._full:
+                self._thrown += self._queue.popleft()[1].nbytes
+                self.drops += 1
+                if self.drops == 1:
+                    self._dropping()
 
     def finish(self, timeout: float) -> bool:
         """Handle everything that waits, then the sink's `finish`; False when it did not end in time [s]."""
@@ -85,7 +108,9 @@ class SinkWorker:
         while True:
             self.backlog_max = max(self.backlog_max, len(queue))
             while queue:
-                self._hand(*queue.popleft())
+                stream, message = queue.popleft()
+                self._hand(stream, message)
+                self._went += message.nbytes
             with self._changed:
                 self._changed.notify_all()
                 if not queue:

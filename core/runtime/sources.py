@@ -1,13 +1,22 @@
-"""Pulled sources merged by (time, order in the YAML, source order), and timers."""
+"""Pulled sources merged by (time, order in the YAML, source order), and timers.
+
+A message that comes from a log of a run has its `time` and `seq` already: by these it is merged, so that
+several sources of one log give its messages in the order in which they once arrived.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from knotwork.core.contracts import Driver
-from knotwork.core.messages import Message
+from knotwork.core.messages import UNSET, Message
 from knotwork.core.runtime.timing import Clocked, Histogram
 
 Item = tuple[str, Message] | int
+
+
+def arrival(message: Message) -> int:
+    """Return when a message is due [ns]: at its stamp, or when it was dispatched in the run that logged it."""
+    return message.stamp if message.seq == UNSET else message.time
 
 
 class Source:
@@ -16,7 +25,7 @@ class Source:
     Attributes
     ----------
     time
-        Running maximum of the stamps the driver has given [ns].
+        Running maximum of what the driver has given: stamps, or logged times [ns].
     item
         `(port, message)`, a bare int (nothing comes before that time), or None at the end.
     """
@@ -24,6 +33,7 @@ class Source:
     def __init__(self, node: str, driver: Driver, clocked: Clocked, histogram: Histogram) -> None:
         self.node = node
         self.time = -(2**63)
+        self._number = UNSET
         self.item: Item | None = None
         self._events: Iterator[Item] = iter(driver.events())
         self._clocked = clocked
@@ -36,8 +46,15 @@ class Source:
             self.item = next(self._events, None)
         finally:
             self._clocked.stop(self._histogram)
-        if self.item is not None:
-            self.time = max(self.time, self.item if isinstance(self.item, int) else self.item[1].stamp)
+        if isinstance(self.item, int):
+            self.time = max(self.time, self.item)
+        elif self.item is not None:
+            self.time = max(self.time, arrival(self.item[1]))
+            self._number = self.item[1].seq
+
+    def order(self) -> tuple[int, int]:
+        """Return what sources are merged by."""
+        return self.time, self._number
 
     def close(self) -> None:
         """Let a generator run its `finally` blocks."""

@@ -1,12 +1,17 @@
 """The conformance kit on everything that ships."""
 
+import struct
 import uuid
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from ros_drive import Ros
+from rosbags.rosbag1 import Writer as Bag
+from rosbags.typesys import Stores
 
+from knotwork.core.cli.main import main
 from knotwork.core.clock import epoch
 from knotwork.core.conformance import (
     CommandSuite,
@@ -51,6 +56,47 @@ class TestMinesrover(DriverSuite):
         lines = (f"{1_000_000 + 100_000 * i} 0 {7 * i} {9 * i} {'0 ' * 20}{'1500 ' * 682}0\n" for i in range(10))
         (folder / "log.dat").write_text("".join(lines))
         return {"path": str(folder / "log.dat")}
+
+
+class TestMcapLog(DriverSuite):
+    plugin = "mcap-log"
+
+    def files(self, folder: Path):
+        out = folder / "run"
+        if not out.exists():
+            file = folder / "run.yaml"
+            file.write_text(
+                "pipeline: p\nnodes:\n  sim: {plugin: sim2d, duration: 2}\n  prior: {plugin: ekf}\n"
+                "  recorder: {plugin: mcap}\n"
+            )
+            assert main(["run", str(file), "--out", str(out), "--quiet"]) == 0
+        return {"path": str(out / "log.mcap")}
+
+
+class TestRosbag(DriverSuite):
+    plugin = "rosbag"
+
+    def files(self, folder: Path):
+        path = folder / "a.bag"
+        if not path.exists():
+            ros = Ros(Stores.ROS1_NOETIC)
+            with Bag(path) as writer:
+                connections = {}
+                for topic, name, time, message in ros.drive():
+                    if topic not in connections:
+                        connections[topic] = writer.add_connection(topic, name, typestore=ros.store)
+                    writer.write(connections[topic], time, ros.store.serialize_ros1(message, name))
+        return {"path": str(path)}
+
+
+class TestRawlog(DriverSuite):
+    plugin = "rawlog"
+
+    def files(self, folder: Path):
+        pose = b"\x87CPose2D\x01" + struct.pack("<3d", 1.0, 2.0, 0.5) + b"\x88"
+        tail = struct.pack("<I", 0) + struct.pack("<Q", 132_000_000_000_000_000) + b"\x88"
+        (folder / "a.rawlog").write_bytes((b"\x94CObservationOdometry\x00" + pose + tail) * 10)
+        return {"path": str(folder / "a.rawlog")}
 
 
 class TestSim2d(DriverSuite):
@@ -153,6 +199,14 @@ class TestDemo(CommandSuite):
 
 class TestLog(CommandSuite):
     plugin = "log"
+
+
+class TestReplay(CommandSuite):
+    plugin = "replay"
+
+
+class TestData(CommandSuite):
+    plugin = "data"
 
 
 class TestSplineSurface(MapSuite):

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 from knotwork.core.contracts import Command
-from knotwork.plugins.commands.log import info, recover
+from knotwork.plugins.commands.log import check, cut, info, merge, recover
 
-_SUBCOMMANDS = {"info": info, "recover": recover}
+_SUBCOMMANDS = {"info": info, "check": check, "recover": recover, "cut": cut, "merge": merge}
 
 
 class LogCommand(Command):
-    """`knotwork log info | recover FILE`."""
+    """`knotwork log info | check | recover | cut | merge FILE`."""
 
     def arguments(self, parser: Any) -> None:
         """Add a subparser for each subcommand."""

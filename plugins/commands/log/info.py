@@ -21,7 +21,7 @@ def arguments(parser: Any) -> None:
 def run(arguments: Any) -> int:
     """Read the log and show it."""
     log = Log(arguments.file)
-    log.scan()
+    log.overview()
     facts = describe(log)
     if arguments.json:
         text = msgspec.json.format(msgspec.json.encode(facts, enc_hook=str), indent=2).decode()

@@ -27,5 +27,6 @@ MANIFEST = Manifest(
         "twist": Port("twist", summary="the command"),
         "control": Port("motion_control", summary="emergency stop, re-arm"),
     },
+    push=True,
     example="drive: {plugin: teleop-keyboard, speed: 0.15}",
 )

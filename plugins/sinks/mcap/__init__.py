@@ -20,6 +20,10 @@ class McapConfig(PluginConfig):
         le=22,
     )
     chunk_size: int = quantity(65536, "B", "a chunk is closed when it holds this much", ge=1024, le=64 << 20)
+    split_size: int = quantity(
+        0, "B", "begin a new file when one has this much (log.0000.mcap, log.0001.mcap, ...); 0: never", ge=0
+    )
+    split_time: float = quantity(0.0, "s", "begin a new file after this much of the run's time; 0: never", ge=0)
     include: tuple[str, ...] = Field(("*",), description="streams to record, as `node.port` with * and ?")
     exclude: tuple[str, ...] = Field((), description="streams to leave out of these")
     views: bool = Field(True, description="also write what viewers draw without set-up: /tf, laser scans, grids, ...")

@@ -5,6 +5,7 @@ Lossless: topic `/knotwork/<node>/<port>`, encoding `msgpack` (knotwork.core.cod
 under a schema viewers know. Log time is the message's `time`, publish time its `stamp`.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -50,7 +51,11 @@ class McapRecorder(Sink):
         super().__init__(context)
         config: McapConfig = context.config
         self._config = config
-        self.path = context.out / config.path
+        self._splits = config.split_size > 0 or config.split_time > 0
+        self._part = 0
+        self.path = self._part_path(0)
+        self._part_begun: int | None = None  # time of its first message [ns]
+        self._part_base = 0  # bytes from which its growth counts
         self._writer: McapWriter | None = None
         self._file: Any = None
         self._lock = Lock()  # guards the writer
@@ -62,6 +67,7 @@ class McapRecorder(Sink):
         self._failure: OSError | None = None  # why writing fails; None while it does not
         self._failed_size = -1  # bytes of the file when the failure was reported; -1 before
         self._totals: dict[str, float] = {}
+        self._before: dict[str, float] = {}  # figures of the files that are finished
         self._stop = Event()
         self._flusher = Thread(target=self._flush_each_period, name=f"{context.name}-flush", daemon=True)
 
@@ -73,31 +79,84 @@ class McapRecorder(Sink):
         KnotworkError
             The file cannot be created.
         """
-        config = self._config
-        if config.views:
+        if self._config.views:
             views("")  # imports the schemas now, not while messages wait
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self._create(self.path)
-            self._writer = McapWriter(
-                self._file,
-                compression=config.compression,
-                level=config.level,
-                chunk_size=config.chunk_size,
-                library=f"knotwork {__version__}",
-            )
-            self._writer.add_metadata(RUN, {key: _text(value) for key, value in self.context.run.items()})
-            self._writer.flush()
+            self._file, self._writer = self._begin(self.path)
         except OSError as error:
-            self._writer = None
-            if self._file is not None:
-                self._file.close()
             raise KnotworkError(
                 f"cannot write the log: {error.strerror}",
                 where=str(self.path),
                 hint="free some space, or set `path` to a folder that you may write to",
             ) from error
         self._flusher.start()
+
+    def _begin(self, path: Path) -> tuple[Any, McapWriter]:
+        """Create a file with what is known of the run; raises OSError and leaves none open."""
+        config = self._config
+        file = self._create(path)
+        try:
+            writer = McapWriter(
+                file,
+                compression=config.compression,
+                level=config.level,
+                chunk_size=config.chunk_size,
+                library=f"knotwork {__version__}",
+            )
+            run = self.context.run | ({"part": self._part} if self._splits else {})
+            writer.add_metadata(RUN, {key: _text(value) for key, value in run.items()})
+            writer.flush()
+        except OSError:
+            file.close()
+            raise
+        return file, writer
+
+    def _part_path(self, part: int) -> Path:
+        path: Path = self.context.out / self._config.path
+        return path.with_name(f"{path.stem}.{part:04d}{path.suffix}") if self._splits else path
+
+    def _split_when_due(self, time: int) -> None:
+        """Begin the next file when this one has grown or lasted enough; the old one is finished."""
+        writer, config = self._writer, self._config
+        assert writer is not None
+        if self._part_begun is None:
+            self._part_begun = time
+        grown = config.split_size > 0 and writer.size - self._part_base >= config.split_size
+        lasted = config.split_time > 0 and time - self._part_begun >= config.split_time * 1e9
+        if not (grown or lasted):
+            return
+        self._part_begun, self._part_base = time, writer.size
+        self._part += 1
+        path = self._part_path(self._part)
+        try:
+            file, fresh = self._begin(path)
+        except OSError as error:
+            self._part -= 1
+            self.context.count("failed_splits")
+            self.context.report("error", f"{path}: cannot be begun: {error.strerror}; {self.path.name} goes on")
+            return
+        self._end(writer, self._file)
+        self._before = self._figures(writer)
+        self.path, self._file, self._writer, self._part_base = path, file, fresh, 0
+        self._streams.clear()
+        self._schemas.clear()
+        self._shared.clear()
+        self._failure, self._failed_size = None, -1
+
+    def _end(self, writer: McapWriter, file: Any) -> None:
+        """Write the indexes and close."""
+        try:
+            writer.finish()
+            sync(file)
+        except OSError as error:
+            self.context.report(
+                "error",
+                f"{self.path}: no index: {error.strerror}; {writer.dropped} records were dropped "
+                f"(knotwork log recover {self.path})",
+            )
+        finally:
+            file.close()
 
     @staticmethod
     def _create(path: Path) -> Any:
@@ -108,6 +167,8 @@ class McapRecorder(Sink):
         key = (stream, type(message))
         try:
             with self._lock:
+                if self._splits:
+                    self._split_when_due(message.time)
                 if key in self._streams:
                     found = self._streams[key]
                 else:
@@ -133,26 +194,16 @@ class McapRecorder(Sink):
         writer, self._writer = self._writer, None
         if writer is None or self._file is None:
             return
-        try:
-            writer.finish()
-            sync(self._file)
-        except OSError as error:
-            self.context.report(
-                "error",
-                f"{self.path}: no index: {error.strerror}; {writer.dropped} records were dropped "
-                f"(knotwork log recover {self.path})",
-            )
-        finally:
-            self._totals = self._figures(writer)
-            self._file.close()
+        self._end(writer, self._file)
+        self._totals = self._figures(writer)
 
     def statistics(self) -> dict[str, float]:
-        """Return records (messages and views) written and dropped, and bytes of the file."""
+        """Return records (messages and views) written and dropped, and bytes, of all files."""
         return self._totals if self._writer is None else self._figures(self._writer)
 
-    @staticmethod
-    def _figures(writer: McapWriter) -> dict[str, float]:
-        return {"records": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
+    def _figures(self, writer: McapWriter) -> dict[str, float]:
+        now = {"records": writer.messages, "dropped": writer.dropped, "bytes": writer.size}
+        return {name: value + self._before.get(name, 0) for name, value in now.items()}
 
     def _register(self, stream: str, message: Message) -> _Stream | None:
         """Make the channel of a new stream; None when it is not recorded."""
@@ -227,10 +278,12 @@ class McapRecorder(Sink):
             flushes += 1
             try:
                 with self._lock:
+                    file = self._file
                     if self._writer is not None:
                         self._writer.flush()
                 if config.fsync and flushes % flushes_a_sync == 0:
-                    sync(self._file)
+                    with suppress(ValueError):  # a split has closed it meanwhile, after a sync
+                        sync(file)
             except OSError as error:
                 self._failure = error
 

@@ -1,3 +1,4 @@
+import threading
 import time
 from pathlib import Path
 
@@ -179,3 +180,47 @@ def test_a_log_at_rate_one_takes_at_least_as_long_as_it_lasted(run):
     begun = time.monotonic()
     run("  log: {plugin: toy-log, stamps: [0, 150000000]}\n", rate=1.0)
     assert time.monotonic() - begun >= 0.15
+
+
+def test_logged_messages_keep_their_time_and_number_and_are_merged_by_them(run, monkeypatch):
+    """Two sources of one log give its messages as they once arrived: a late one stays late."""
+    logged = {"a": [(5, 10, 3), (9, 12, 8)], "b": [(10, 10, 2), (7, 12, 9), (20, 20, 11)]}  # stamp, time, seq
+
+    class Logged(toy_impl.Log):
+        def events(self):
+            for stamp, at, seq in logged[self.context.name]:
+                yield "out", toy_impl.twist(stamp).sealed(at, seq)
+
+    monkeypatch.setattr(toy_impl, "Log", Logged)
+    nodes = "  a: {plugin: toy-log}\n  b: {plugin: toy-log}\n  timer: {plugin: toy-timer, period: 4.0e-9}\n"
+    _, kept = run(nodes + KEEP)
+    order = [(s, m.stamp, m.time, m.seq) for s, m in kept if s != "runtime.statistics"]
+    assert order == [
+        ("b.out", 10, 10, 2), ("a.out", 5, 10, 3), ("a.out", 9, 12, 8), ("b.out", 7, 12, 9),
+        ("timer.twist", 14, 14, 10), ("timer.twist", 18, 18, 11), ("b.out", 20, 20, 12),
+    ]  # fmt: skip
+
+
+def test_time_alone_tells_which_timers_came_before_a_message_of_a_device(run, monkeypatch):
+    """A device's stamp ahead of the clock: the timers due by then have fired, or a replay could not know."""
+
+    class Ahead(toy_impl.Device):
+        def work(self):
+            for stamp in (10**9, 5 * 10**9, 3 * 10**9):
+                self.context.emit("out", toy_impl.twist(stamp))
+            assert enough.wait(10)
+            type(self).done()
+
+    monkeypatch.setattr(toy_impl, "Device", Ahead)
+    enough = threading.Event()
+    executions = []
+
+    def prepare(execution):
+        executions.append(execution)
+        execution.tap(lambda stream, message: enough.set() if message.stamp == 3 * 10**9 else None)
+
+    monkeypatch.setattr(Ahead, "done", staticmethod(lambda: executions[0].stop("done")))
+    nodes = "  device: {plugin: toy-device}\n  timer: {plugin: toy-timer, period: 1.5}\n"
+    _, kept = run(nodes + KEEP, prepare=prepare)
+    order = [(s, m.time / 1e9) for s, m in kept if s in ("device.out", "timer.twist")]
+    assert order[:4] == [("device.out", 1.0), ("timer.twist", 2.5), ("timer.twist", 4.0), ("device.out", 5.0)]

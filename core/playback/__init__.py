@@ -1,0 +1,1 @@
+"""Recorded messages as a source: what drivers of logs with many channels share, whoever recorded them."""
