@@ -26,6 +26,8 @@ BUILTINS = (
     "knotwork.plugins.policies.visual_servo",
     "knotwork.plugins.policies.teleop_gamepad",
     "knotwork.plugins.policies.teleop_keyboard",
+    "knotwork.plugins.policies.teleop_web",
+    "knotwork.plugins.sinks.live",
     "knotwork.plugins.sinks.map_export",
     "knotwork.plugins.sinks.map_image",
     "knotwork.plugins.sinks.mcap",
@@ -38,4 +40,5 @@ BUILTINS = (
     "knotwork.plugins.commands.experiment",
     "knotwork.plugins.commands.log",
     "knotwork.plugins.commands.map",
+    "knotwork.plugins.commands.view",
 )
