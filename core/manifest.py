@@ -4,8 +4,9 @@ A plugin is a package whose `__init__` holds a `MANIFEST` and its pydantic confi
 neither NumPy nor its own implementation; `impl` names the class that a pipeline imports when it runs.
 """
 
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -78,8 +79,12 @@ class Manifest:
         Ports by name. An input `scan` is handled by the method `on_scan`.
     uses, provides
         Protocols of other nodes it needs, and the protocols it offers ("map", "prior").
+    ports
+        `package.module:function` that returns the outputs of one node from its config, for a plugin whose
+        outputs are what a file holds; "" when `outputs` says it all.
     push
-        A driver that only pushes from its own thread: refused in replay and sim.
+        It gives what the world gives it (a device, a person): a driver that pushes from its own thread is
+        refused in replay and sim; a replay takes the node's messages from the log.
     closed_loop
         A driver that is a simulated world: its commands come back within the same run.
     extra
@@ -109,3 +114,22 @@ class Manifest:
     message_types: dict[str, str] = field(default_factory=dict)
     example: str = ""
     contract: int = CONTRACT_VERSION
+    ports: str = ""
+
+    def of(self, config: Any) -> Self:
+        """Return the manifest of a node with this config: its outputs are known then.
+
+        Raises
+        ------
+        KnotworkError
+            The config names something the outputs cannot be read from.
+        """
+        if not self.ports:
+            return self
+        module, _, function = self.ports.partition(":")
+        return replace(self, outputs=getattr(import_module(module), function)(config))
+
+    @property
+    def external(self) -> bool:
+        """Whether its messages come from outside the run: a replay takes them from the log."""
+        return bool(self.outputs or self.ports) and (self.kind in ("driver", "sink") or self.push)

@@ -23,6 +23,7 @@ from knotwork.core.config.model import (
 from knotwork.core.config.overrides import override
 from knotwork.core.config.sources import Sources
 from knotwork.core.config.tree import Item, Path, Problems, container, dotted, short
+from knotwork.core.errors import KnotworkError
 from knotwork.core.manifest import Manifest, PluginConfig
 
 _NAME = re.compile(NAME)
@@ -183,6 +184,11 @@ class _Resolution:
         )
         if keys is None or config is None:
             return None
+        try:
+            manifest = manifest.of(config)
+        except KnotworkError as error:
+            self.problems.add(item.position, path, str(error))
+            return None
         return NodeSpec(
             name=name,
             plugin=manifest.name,
@@ -239,6 +245,8 @@ class _Resolution:
         manifest = self.manifests.get(node)
         if manifest is None:
             return
+        if manifest.ports:
+            return  # known with its config; the graph looks
         if not manifest.outputs:
             self.problems.add(item.where, path, f"node {node!r} ({manifest.name}) gives no messages")
         elif dot and port not in manifest.outputs:

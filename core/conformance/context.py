@@ -57,8 +57,8 @@ class RecordingContext:
         seed: int = 1,
     ) -> None:
         self.name = name
-        self.manifest = manifest
         self.config: Any = manifest.config.model_validate(config or {})
+        self.manifest = manifest = manifest.of(self.config)
         self.options: Any = None if manifest.options is None else manifest.options.model_validate(options or {})
         self.uses: dict[str, Any] = dict.fromkeys(manifest.uses) | (uses or {})
         self.out = out

@@ -85,7 +85,7 @@ class DriverSuite(NodeSuite):
         _, given = self.collect(context)
         assert given, "the driver gave nothing"
         for port, message in given:
-            check_output(self.manifest, "driver", port, message)
+            check_output(context.manifest, "driver", port, message)
             assert type(message.stamp) is int, f"{port}: the stamp is {type(message.stamp).__name__}, not int [ns]"
 
     def test_messages_make_sense(self, tmp_path: Path) -> None:

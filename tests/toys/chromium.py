@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ class Chromium:
         try:
             note = self._wait(folder / "DevToolsActivePort")
             port, path = note.split()[:2]
-            self.socket = connect(f"ws://127.0.0.1:{port}{path}", max_size=None, proxy=None)
+            self.held = ExitStack()
+            self.socket = self.held.enter_context(connect(f"ws://127.0.0.1:{port}{path}", max_size=None, proxy=None))
         except BaseException:
             self.process.kill()
             self.process.wait()
@@ -118,7 +120,7 @@ class Chromium:
         return data
 
     def close(self) -> None:
-        self.socket.close()
+        self.held.close()
         self.process.terminate()
         try:
             self.process.wait(10)

@@ -1,5 +1,6 @@
 """Plays a log into a scene at the wall clock's pace."""
 
+import struct
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -113,7 +114,7 @@ class Player:
 
 def _extent(log: Log) -> tuple[int, int]:
     """Return the first and last log time [ns]: from the index, or by reading a log that has none."""
-    with suppress(McapError, OSError, ValueError), log.path.open("rb") as file:
+    with suppress(McapError, OSError, ValueError, struct.error), log.path.open("rb") as file:
         summary = make_reader(file).get_summary()
         if summary is not None and summary.statistics is not None:
             topics = [channel.metadata for channel in summary.channels.values()]

@@ -19,5 +19,6 @@ MANIFEST = Manifest(
     config=TeleopWebConfig,
     outputs={"twist": Port("twist", summary="the command")},
     uses={"stick": Use("stick", summary="the sink `live`")},
+    push=True,
     example="drive: {plugin: teleop-web, speed: 0.15}",
 )
