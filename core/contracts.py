@@ -282,6 +282,7 @@ class Sink(Node, ABC):
     """Takes messages in its own thread; never slows the estimators, never loses what it accepted."""
 
     inline: ClassVar[bool] = False  # True: cheap enough to run in the dispatcher, no thread
+    prompt: ClassVar[bool] = False  # True: its thread is woken for each message, at the price of a thread switch
 
     @abstractmethod
     def on_message(self, stream: str, message: Message) -> None:

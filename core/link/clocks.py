@@ -40,7 +40,7 @@ class ClockEstimate:
         return round(median(trip for trip, _ in self._samples))
 
     def age(self, sent: int, arrived: int) -> int:
-        """Return how old a message was when it arrived [ns], never less than half the round trip.
+        """Return how old a message was when it arrived [ns], never less than half the quickest round trip.
 
         Parameters
         ----------
@@ -49,4 +49,5 @@ class ClockEstimate:
         arrived
             By this one.
         """
-        return max(self.round_trip // 2, arrived - (sent - self.offset))
+        quickest, offset = min(self._samples)
+        return max(quickest // 2, arrived - (sent - offset))

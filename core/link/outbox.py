@@ -32,7 +32,7 @@ class Outbox:
     Attributes
     ----------
     lost
-        Messages lost, by stream.
+        Messages let go before they were acknowledged, by stream; those on their way may still arrive.
     """
 
     def __init__(self, limit: int, window: int) -> None:
@@ -42,6 +42,7 @@ class Outbox:
         self._limit = limit
         self._window = window
         self._kept: deque[Entry] = deque()
+        self._gone: deque[Entry] = deque()  # on their way, and no longer kept
         self._size = 0
         self._seq = 0  # of the next message
         self._next = 0  # to be sent
@@ -60,7 +61,7 @@ class Outbox:
     @property
     def waiting(self) -> bool:
         """Whether something was sent and not acknowledged."""
-        return self._next > self.first
+        return self._next > self.first or bool(self._gone)
 
     def full(self, size: int) -> bool:
         """Return whether a message of so many bytes would push an older one out."""
@@ -72,9 +73,12 @@ class Outbox:
         self._seq += 1
         lost = 0
         while self.full(entry.size):
-            old = self._drop()
+            old = self._kept.popleft()
+            self._size -= old.size
             self.lost[old.stream] = self.lost.get(old.stream, 0) + 1
             lost += 1
+            if old.seq < self._next:
+                self._gone.append(old)
         self._kept.append(entry)
         self._size += entry.size
         self.largest = max(self.largest, self._size)
@@ -87,7 +91,7 @@ class Outbox:
         if index >= len(self._kept):
             return None
         entry = self._kept[index]
-        if index and (self._probing or self._under_way + entry.size > self._window):
+        if self._under_way and (self._probing or self._under_way + entry.size > self._window):
             return None
         self.resent += entry.seq < self._ahead
         self._next += 1
@@ -99,8 +103,15 @@ class Outbox:
         """Forget what comes before the number the receiver expects; return whether there was such."""
         expected = min(expected, self._ahead)
         moved = False
+        while self._gone and self._gone[0].seq < expected:
+            old = self._gone.popleft()
+            self._under_way -= old.size
+            moved = True
         while self._kept and self._kept[0].seq < expected:
-            self._drop()
+            entry = self._kept.popleft()
+            self._size -= entry.size
+            if entry.seq < self._next:
+                self._under_way -= entry.size
             moved = True
         self._probing = self._probing and not moved
         return moved
@@ -108,10 +119,4 @@ class Outbox:
     def rewind(self, *, probe: bool = False) -> None:
         """Send again from the first that was not acknowledged; with `probe` only that one until it is."""
         self._next, self._under_way, self._probing = self.first, 0, probe
-
-    def _drop(self) -> Entry:
-        entry = self._kept.popleft()
-        self._size -= entry.size
-        if entry.seq < self._next:
-            self._under_way -= entry.size
-        return entry
+        self._gone.clear()

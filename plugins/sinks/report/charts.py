@@ -102,7 +102,7 @@ def axis(low: float, high: float) -> str:
     wide = 220.0
     octaves = max(np.log2(high / low), 1.0)
     out = [f'<svg class="bars" viewBox="0 0 {wide:.0f} 14">']
-    for power in range(int(np.ceil(log10(low))), int(floor(log10(high))) + 1):
+    for power in range(int(np.ceil(log10(low))), floor(log10(high)) + 1):
         x = wide * np.log2(10.0**power / low) / octaves
         out.append(f'<text x="{x:.1f}" y="11" text-anchor="middle">{_duration(10.0**power)}</text>')
     return "".join([*out, "</svg>"])
@@ -135,4 +135,4 @@ def _round_length(length: float) -> float:
 def _ticks(low: float, high: float, about: int) -> list[float]:
     step = _round_length((high - low) / about) if high > low else 1.0
     first = int(np.ceil(low / step - 1e-9))
-    return [round(k * step, 10) for k in range(first, int(floor(high / step + 1e-9)) + 1)]
+    return [round(k * step, 10) for k in range(first, floor(high / step + 1e-9) + 1)]

@@ -52,7 +52,8 @@ def page(story: Story, config: ReportConfig) -> tuple[str, list[str]]:
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)} - Knotwork report</title>\n<style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"<title>{escape(title)} - Knotwork report</title>\n<style>{_STYLE}</style></head>\n"
+        f"<body>\n{body}\n</body></html>\n"
     ), wrong
 
 
@@ -169,7 +170,8 @@ body{font:15px/1.45 system-ui,sans-serif;color:#1f2430;max-width:1040px;margin:0
 h1{margin:.3em 0}h2{margin:1.6em 0 .5em;border-bottom:1px solid #d9dce3;padding-bottom:3px}
 .figures{display:flex;flex-wrap:wrap;gap:8px}.figures div{border:1px solid #d9dce3;border-radius:8px;padding:6px 12px}
 .figures b{display:block;font-size:18px;font-variant-numeric:tabular-nums}.figures span{color:#6a7180;font-size:12px}
-svg{display:block;max-width:100%;height:auto}svg.plane,svg.line{width:100%}svg text{font:12px system-ui,sans-serif;fill:#444}
+svg{display:block;max-width:100%;height:auto}svg.plane,svg.line{width:100%}
+svg text{font:12px system-ui,sans-serif;fill:#444}
 svg .name{font-weight:600}svg.bars{width:220px}svg.bars rect{fill:#1f5ab4}svg.bars text{font-size:10px}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px;font-variant-numeric:tabular-nums;margin:6px 0}
 th,td{text-align:right;padding:2px 10px;border-bottom:1px solid #eceef2;white-space:nowrap}

@@ -36,7 +36,9 @@ def sink(knotwork_context):
 
 def scan(number):
     ranges = np.array([1.0, np.inf, 2.5], np.float32)
-    message = Scan(stamp=number, scan_id=number, ranges=ranges, angle_min=0, angle_increment=1, range_min=0, range_max=9)
+    message = Scan(
+        stamp=number, scan_id=number, ranges=ranges, angle_min=0, angle_increment=1, range_min=0, range_max=9
+    )
     return message.sealed(number, number)
 
 
