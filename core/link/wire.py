@@ -43,7 +43,8 @@ class Head(NamedTuple):
     def unpack(cls, data: bytes) -> "Head":
         """Return the head in `data`; raises InputError when it is none."""
         try:
-            return cls(*_HEAD.unpack_from(data), data[_HEAD.size :].decode())
+            session, seq, first, sent = _HEAD.unpack_from(data)
+            return cls(session, seq, first, sent, data[_HEAD.size :].decode())
         except (struct.error, UnicodeDecodeError) as error:
             raise InputError("not a message of this link") from error
 
@@ -62,7 +63,8 @@ class Ack(NamedTuple):
     @classmethod
     def unpack(cls, data: bytes) -> "Ack":
         """Return the acknowledgement in `data`; raises InputError when it is none."""
-        return cls(*_unpack(_ACK, data))
+        session, expected, gap = _unpack(_ACK, data)
+        return cls(session, expected, bool(gap))
 
 
 class Ping(NamedTuple):
