@@ -21,7 +21,7 @@ class Ros2In(Driver):
         super().__init__(context)
         config: Ros2InConfig = context.config
         self._config = config
-        self._link = LinkConfig(listen=config.listen, connect=config.connect, scouting=config.scouting)
+        self._link = LinkConfig(link="ros2", listen=config.listen, connect=config.connect, scouting=config.scouting)
         self._session: Any = None
         self._subscribers: list[Any] = []
         self._scans = dict.fromkeys(config.topics, 0)

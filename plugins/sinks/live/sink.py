@@ -10,7 +10,7 @@ from knotwork.core.contracts import Context, Sink
 from knotwork.core.errors import InputError, KnotworkError
 from knotwork.core.live.playback import playback_commands
 from knotwork.core.live.scene import Look, Scene
-from knotwork.core.live.server import LiveServer, is_local
+from knotwork.core.live.server import Commands, LiveServer, is_local
 from knotwork.core.messages import Message, MotionControl
 from knotwork.plugins.sinks.live import LiveConfig
 from knotwork.plugins.sinks.live.hand import Hand
@@ -38,7 +38,7 @@ class Live(Sink):
             The address is taken, or the token cannot be read or kept.
         """
         config, context = self._config, self.context
-        commands = {"stop": self._stop, "rearm": self._rearm, "stick": self._move}
+        commands: Commands = {"stop": self._stop, "rearm": self._rearm, "stick": self._move}
         if context.playback is not None:
             commands |= playback_commands(context.playback)
             if config.paused:

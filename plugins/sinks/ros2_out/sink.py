@@ -21,7 +21,7 @@ class Ros2Out(Sink):
         super().__init__(context)
         config: Ros2OutConfig = context.config
         self._config = config
-        self._link = LinkConfig(listen=config.listen, connect=config.connect, scouting=config.scouting)
+        self._link = LinkConfig(link="ros2", listen=config.listen, connect=config.connect, scouting=config.scouting)
         self._session: Any = None
         self._topics: dict[str, list[str]] = {}  # by stream
         for topic, streams in config.topics.items():
