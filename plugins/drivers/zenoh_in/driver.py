@@ -254,7 +254,9 @@ class ZenohIn(Driver):
         self._publish("ack", wire.Ack(self._arrivals.session, self._arrivals.expected, gap).pack())
 
     def _publish(self, what: str, data: bytes) -> None:
-        self._session.put(f"{wire.base(self._config.link)}/{what}", data, express=True)
+        session = self._session  # a callback may still run while this end is closed
+        if session is not None:
+            session.put(f"{wire.base(self._config.link)}/{what}", data, express=True)
 
     def _tell(self, kind: str, text: str) -> None:
         """Report the first of its kind."""

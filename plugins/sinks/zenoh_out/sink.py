@@ -23,7 +23,7 @@ _MEGABYTE = 1_000_000
 
 
 class ZenohOut(Sink):
-    """Keeps messages until the other end has them; a thread sends them in order.
+    """Keeps messages until the other end has them, and sends them in order.
 
     Commands are not kept: only the newest counts, and an old one must never move a robot.
     """
@@ -48,7 +48,7 @@ class ZenohOut(Sink):
         self._told_lost = 0
         self._ending = self._closing = False
         self._wanted: dict[str, bool] = {}
-        self._thread = Thread(target=self._send, name=f"{context.name}-send", daemon=True)
+        self._thread = Thread(target=self._keep, name=f"{context.name}-link", daemon=True)
 
     def open(self) -> None:
         """Open the session; raises KnotworkError when its endpoint is taken."""
@@ -62,7 +62,7 @@ class ZenohOut(Sink):
         self._thread.start()
 
     def on_message(self, stream: str, message: Message) -> None:
-        """Keep one message and wake the thread that sends; a command is sent at once."""
+        """Keep one message and send it if the window allows; a command is sent and not kept."""
         wanted = self._wanted.get(stream)
         if wanted is None:
             wanted = self._wanted[stream] = _chosen(self._config, stream)
@@ -81,7 +81,7 @@ class ZenohOut(Sink):
                 self._progress = clock.monotonic()
             if self._box.put(stream, message.type_name, payload):
                 self._tell_loss()
-            self._changed.notify_all()
+            self._send_all()
 
     def stop_motion(self) -> None:
         """Wait for room no longer: the run ends."""
@@ -109,10 +109,11 @@ class ZenohOut(Sink):
             self._changed.notify_all()
         if self._thread.is_alive():
             self._thread.join(5.0)
+        subscribers, self._subscribers = self._subscribers, []
+        for subscriber in subscribers:
+            subscriber.undeclare()
         session, self._session = self._session, None
         if session is not None:
-            for subscriber in self._subscribers:
-                subscriber.undeclare()
             sessions.release(self._config)
 
     def statistics(self) -> dict[str, float]:
@@ -126,18 +127,18 @@ class ZenohOut(Sink):
             "kept_max_mb": box.largest / _MEGABYTE,
         }
 
-    def _send(self) -> None:
-        while True:
-            with self._changed:
-                if self._closing:
-                    return
-                entry = self._box.take()
-                if entry is None:
-                    self._changed.wait(_LOOK if self._box.waiting else None)
-                    self._look()
-                    continue
-                first = self._box.first
-            self._put(entry, first)
+    def _send_all(self) -> None:
+        """Send as much as the window allows; called with the lock, so that nothing overtakes."""
+        while (entry := self._box.take()) is not None:
+            self._put(entry, self._box.first)
+
+    def _keep(self) -> None:
+        """Send what an acknowledgement has made room for, and again what got none."""
+        with self._changed:
+            while not self._closing:
+                self._send_all()
+                self._changed.wait(_LOOK)
+                self._look()
 
     def _look(self) -> None:
         """Send again what was not acknowledged in time; called with the lock."""
@@ -154,11 +155,10 @@ class ZenohOut(Sink):
 
     def _put(self, entry: Entry, first: int) -> None:
         head = wire.Head(self._number, entry.seq, first, clock.epoch(), entry.type)
-        self._session.put(
+        self._publish(
             wire.data_key(self._config.link, entry.stream),
             entry.payload,
             attachment=head.pack(),
-            express=True,
             congestion_control=zenoh.CongestionControl.DROP,
         )
 
@@ -190,7 +190,12 @@ class ZenohOut(Sink):
             self.context.count("foreign_messages")
             return
         pong = wire.Pong(self._number, ping.asker, ping.left, answered)
-        self._session.put(f"{wire.base(self._config.link)}/pong", pong.pack(), express=True)
+        self._publish(f"{wire.base(self._config.link)}/pong", pong.pack())
+
+    def _publish(self, key: str, data: bytes, **more: Any) -> None:
+        session = self._session  # a callback may still run while this end is closed
+        if session is not None:
+            session.put(key, data, express=True, **more)
 
     def _tell_loss(self) -> None:
         """Say once for each time the link is lost that the buffer is full."""
