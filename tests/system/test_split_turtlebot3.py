@@ -9,6 +9,7 @@ from tcp_proxy import Proxy
 
 from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3
 from knotwork.core.log.reader import Log
+from knotwork.core.registry import Registry
 
 pytest.importorskip("zenoh", reason="needs knotwork[zenoh]")
 
@@ -84,6 +85,7 @@ def test_a_lost_link_stops_the_robot_and_is_survived(half, tmp_path):
     assert len(here) > 200
     first = there.index(here[0])
     assert here == there[first : first + len(here)]  # origin's stamps, in order, none lost
+    Registry(third_parties=False)  # knows the plugins' own message types
     states = [m for _, m in Log(tmp_path / "workstation" / "log.mcap").messages(streams=["robot.link"])]
     assert states[-1].lost == 0
     assert {m.up for m in states} == {True, False}
