@@ -11,6 +11,7 @@ from knotwork.core.contracts import Command
 from knotwork.core.errors import InputError
 from knotwork.core.live.playback import playback_commands
 from knotwork.core.live.server import LiveServer, is_local
+from knotwork.core.registry import Registry
 from knotwork.plugins.commands.view.player import Player
 
 
@@ -27,6 +28,7 @@ class View(Command):
 
     def run(self, arguments: argparse.Namespace) -> int:
         """Play until Ctrl-C; returns 0."""
+        Registry().records()  # the message types that plugins add
         player = Player(Path(arguments.file), _rate(arguments.rate))
         if arguments.paused:
             player.playback.pause()
