@@ -31,6 +31,7 @@ class Context(Protocol):
     out: Path  # the run's folder
     seed: int  # of this node, derived from the run's seed and the node's name
     run: dict[str, Any]  # resolved config, versions, pipeline name: what a log's header needs
+    playback: "Playback | None"  # None where the world does not wait (clock real)
 
     def emit(self, port: str, message: Message) -> None:
         """Give a message on an output port; from another thread it waits in the node's bounded queue."""
@@ -233,6 +234,38 @@ class PacketSource(Protocol):
         """Return when the last good packet arrived, by `clock.epoch()` [ns]; 0 before the first."""
 
 
+class Playback(Protocol):
+    """The pace of a replayed or simulated run, for a viewer's thread; the order of events never depends on it."""
+
+    @property
+    def paused(self) -> bool:
+        """Whether the run stands still."""
+
+    @property
+    def rate(self) -> float | None:
+        """Speed relative to the sensors'; None: as fast as possible."""
+
+    @rate.setter
+    def rate(self, rate: float | None) -> None: ...
+
+    def pause(self) -> None:
+        """Stand still after the event in hand."""
+
+    def resume(self) -> None:
+        """Go on."""
+
+    def step(self, message_type: str = "") -> None:
+        """Go on until a source has given a message of this type ("": any), then stand still again."""
+
+
+@runtime_checkable
+class Stick(Protocol):
+    """Where a person's hand is, as a live page offers it to the policy that drives by it."""
+
+    def stick(self) -> tuple[float, float]:
+        """Return forward and left, each in [-1, 1]; (0, 0) when nobody holds it or the news of it is too old."""
+
+
 class Localizer(Node, ABC):
     """Scan + prior + map to `Pose(role="estimate")`."""
 
@@ -249,6 +282,7 @@ class Sink(Node, ABC):
     """Takes messages in its own thread; never slows the estimators, never loses what it accepted."""
 
     inline: ClassVar[bool] = False  # True: cheap enough to run in the dispatcher, no thread
+    prompt: ClassVar[bool] = False  # True: its thread is woken for each message, at the price of a thread switch
 
     @abstractmethod
     def on_message(self, stream: str, message: Message) -> None:

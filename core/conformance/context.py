@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knotwork.core.contracts import Level
+from knotwork.core.contracts import Level, Playback
 from knotwork.core.errors import NodeError
 from knotwork.core.manifest import Manifest
 from knotwork.core.messages import Message
@@ -70,6 +70,7 @@ class RecordingContext:
             "versions": {},
             "plugins": {name: manifest.name},
         }
+        self.playback: Playback | None = None
         self.emitted: list[tuple[str, Message]] = []
         self.reports: list[tuple[Level, str]] = []
         self.counters: dict[str, int] = {}

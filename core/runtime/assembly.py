@@ -58,7 +58,10 @@ def assemble(
         spec = pipeline.nodes[name]
         implementation: Any = registry.load(spec.manifest)
         clocked = monotonic_clocked() if spec.manifest.kind == "sink" else dispatcher.clocked
-        context = NodeContext(spec, dispatcher, clocked, report, out=out, seed=pipeline.seed, header=header)
+        playback = None if graph.clock == "real" else dispatcher.pace
+        context = NodeContext(
+            spec, dispatcher, clocked, report, out=out, seed=pipeline.seed, header=header, playback=playback
+        )
         context.uses |= {u.name: nodes[u.target] for u in graph.uses if u.node == name}
         contexts[name] = context
         nodes[name] = guarded(name, partial(implementation, context))

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knotwork.core.contracts import Level
+from knotwork.core.contracts import Level, Playback
 from knotwork.core.errors import NodeError
 from knotwork.core.messages import Message
 from knotwork.core.runtime.dispatcher import Dispatcher, Outlet
@@ -32,6 +32,7 @@ class NodeContext:
         out: Path,
         seed: int,
         header: dict[str, Any],
+        playback: Playback | None = None,
     ) -> None:
         self.name = spec.name
         self.config: Any = spec.config
@@ -40,6 +41,7 @@ class NodeContext:
         self.out = out
         self.seed = int.from_bytes(hashlib.sha256(f"{seed}/{spec.name}".encode()).digest()[:8], "big")
         self.run = header
+        self.playback = playback
         self.clocked = clocked
         self.outlets: dict[str, Outlet] = {}
         self.counters: dict[str, int] = {}

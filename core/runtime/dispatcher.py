@@ -39,6 +39,8 @@ class Dispatcher:
         `time` of the event in hand [ns].
     seq
         Number of the next message.
+    pace
+        What the run waits for.
     first_event
         When the first event was dispatched, monotonic [ns]; 0 before.
     """
@@ -52,7 +54,7 @@ class Dispatcher:
         self.clocked = clocked
         self._inbox = Inbox()
         self._stop = stop
-        self._pace = Pace(rate)
+        self.pace = Pace(rate)
         self._pending: deque[tuple[Outlet, Message]] = deque()
         self._thread = get_ident()
 
@@ -77,11 +79,11 @@ class Dispatcher:
             if source is None and not live and not self._inbox:
                 return
             event_time = None if source is None else max(source.time, self.time)
-            wait = self._pace.wait(event_time, self.timers.next)
+            wait = self.pace.wait(event_time, self.timers.next, self.time)
             if wait > 0 or self._inbox:
                 self._take(wait)
                 continue
-            now = self._pace.now(event_time)
+            now = self.pace.now(event_time)
             until = now if event_time is None else min(now, event_time)
             if self.timers.next is not None and self.timers.next <= until:
                 self._fire(until)
@@ -138,8 +140,8 @@ class Dispatcher:
         self._pull(source)
 
     def _begin(self, time: int) -> None:
-        if not self._pace.begun:
-            self._pace.begin(time)
+        if not self.pace.begun:
+            self.pace.begin(time)
             self.timers.begin(time)
             self.first_event = clock.monotonic()
 
@@ -152,6 +154,8 @@ class Dispatcher:
         self.seq = max(self.seq, message.seq)  # a logged message keeps its number
         self._pending.append((outlet, message))
         self.drain()
+        if self.pace.touched:
+            self.pace.passed(message.type_name, self.time)
 
     def _fire(self, until: int) -> None:
         for at, timer in self.timers.due(until):

@@ -167,9 +167,9 @@ class Run:
         trace = "".join(traceback.format_exception(self._failure)) if self._failure is not None else ""
         return Result(code, self.statistics(), self._failure, trace)
 
-    def statistics(self) -> dict[str, Any]:
+    def statistics(self, *, histograms: bool = False) -> dict[str, Any]:
         """Return what was measured so far."""
-        figures = measure(self._assembly, self._begun, self._dispatcher.first_event)
+        figures = measure(self._assembly, self._begun, self._dispatcher.first_event, histograms=histograms)
         return {"clock": self.graph.clock, "stopped_by": self._stopped_by} | figures
 
     def _dispatch(self) -> None:
@@ -209,7 +209,7 @@ class Run:
         self._on_the_way_out(RUNTIME, self._dispatcher.drain)
         if self._opened:
             time, seq = self._dispatcher.time, self._dispatcher.seq
-            last = Statistics(stamp=time, data=self.statistics(), final=True).sealed(time, seq)
+            last = Statistics(stamp=time, data=self.statistics(histograms=True), final=True).sealed(time, seq)
             for worker in self._statistics.sinks:
                 worker.put(self._statistics.name, last)
         for name, worker in self._assembly.workers.items():

@@ -37,6 +37,7 @@ class SinkWorker:
         self.backlog_max = 0
         self._sink = sink
         self._size = 1 if policy == "latest" else size
+        self._wake_at = 1 if sink.prompt else _WAKE_AT
         self._policy = policy
         self._clocked = clocked
         self._histogram = histogram
@@ -64,7 +65,7 @@ class SinkWorker:
         if self._full:
             self._make_room()
         queue.append((stream, message))
-        if len(queue) == _WAKE_AT or len(queue) >= self._size:
+        if len(queue) == self._wake_at or len(queue) >= self._size:
             with self._changed:
                 self._changed.notify_all()
 

@@ -44,6 +44,14 @@ class Histogram:
                 found.append(min(float(2 ** ((bucket + 0.5) / _PER_OCTAVE)), float(self.maximum)))
         return found + [float(self.maximum)] * (len(shares) - len(found))
 
+    def counts(self) -> list[list[float]]:
+        """Return (upper end [ms], count) of buckets a quarter of an octave wide; empty ones are left out."""
+        wide = _PER_OCTAVE // 4
+        counts: dict[int, int] = {}
+        for bucket, n in sorted(self._buckets.items()):
+            counts[bucket // wide] = counts.get(bucket // wide, 0) + n
+        return [[2.0 ** ((bucket + 1) / 4) / 1e6, n] for bucket, n in counts.items()]
+
     def summary(self) -> dict[str, Any]:
         """Return n and mean, p50, p95, p99, max [ms]."""
         n = max(self.n, 1)

@@ -1,6 +1,8 @@
 """The conformance kit on everything that ships."""
 
 import struct
+import socket
+import threading
 import uuid
 from pathlib import Path
 from typing import ClassVar
@@ -25,6 +27,7 @@ from knotwork.core.conformance import (
 from knotwork.core.conformance.suite import PluginSuite
 from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
 from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3
+from knotwork.core.messages import Odometry
 from knotwork.core.registry import Registry
 
 FLASER = " ".join(f"{1 + 0.01 * i:.2f}" for i in range(180))
@@ -256,6 +259,97 @@ class TestGaussNewton(LocalizerSuite):
 
 class TestMcap(SinkSuite):
     plugin = "mcap"
+
+
+class TestLive(SinkSuite):
+    plugin = "live"
+    config: ClassVar = {"port": 0}
+
+
+class TestReport(SinkSuite):
+    plugin = "report"
+
+
+class TestFoxglove(SinkSuite):
+    plugin = "foxglove"
+    config: ClassVar = {"port": 0}
+
+
+class TestZenohOut(SinkSuite):
+    plugin = "zenoh-out"
+    config: ClassVar = {"link": "alone", "drain": 0.1}
+
+
+class TestRos2Out(SinkSuite):
+    plugin = "ros2-out"
+    config: ClassVar = {"topics": {"scan": ["n.scan"], "tf": ["n.odometry"], "map": ["n.grid"]}}
+
+
+class OverZenoh(DriverSuite):
+    """A suite whose other machine is a thread that gives odometry."""
+
+    @pytest.fixture(autouse=True)
+    def other_machine(self, knotwork_context):
+        pytest.importorskip("zenoh")
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        registry = Registry(third_parties=False)
+        manifest = registry.find(self.sender)
+        node = registry.load(manifest)(knotwork_context(manifest, self.sender_config | {"listen": [self.endpoint]}))
+        node.open()
+        done = threading.Event()
+
+        def give():
+            number = 0
+            while not done.wait(0.02):
+                number += 1
+                message = Odometry(stamp=number, pose=np.array([0.01 * number, 0, 0]))
+                node.on_message("base.odometry", message.sealed(number, number))
+
+        thread = threading.Thread(target=give)
+        thread.start()
+        yield
+        done.set()
+        thread.join()
+        node.stop_motion()
+        node.finish()
+        node.close()
+
+
+class TestZenohIn(OverZenoh):
+    plugin = "zenoh-in"
+    sender = "zenoh-out"
+    sender_config: ClassVar = {"link": "suite", "drain": 0.1}
+
+    def files(self, folder: Path):
+        streams = {"odometry": {"stream": "base.odometry", "message": "odometry"}}
+        return {"link": "suite", "connect": [self.endpoint], "streams": streams}
+
+
+class TestRos2In(OverZenoh):
+    plugin = "ros2-in"
+    sender = "ros2-out"
+    sender_config: ClassVar = {"topics": {"odom": ["base.odometry"]}}
+
+    def files(self, folder: Path):
+        return {"connect": [self.endpoint], "topics": {"odometry": {"topic": "/odom", "message": "odometry"}}}
+
+
+class Centred:
+    def stick(self) -> tuple[float, float]:
+        return 0.5, -0.5
+
+
+class TestTeleopWeb(PolicySuite):
+    plugin = "teleop-web"
+    gives = False  # only a timer's tick makes it speak: tests/plugins/policies/test_teleop_web.py
+
+    def use(self, protocol: str):
+        return Centred()
+
+
+class TestView(CommandSuite):
+    plugin = "view"
 
 
 class TestMapExport(SinkSuite):

@@ -27,3 +27,15 @@ def test_the_own_time_of_a_span_leaves_out_the_spans_inside_it():
             pass
     assert (outer.total, outer.own) == (40, 23)
     assert (inner.n, inner.total, inner.own) == (2, 17, 17)
+
+
+def test_counts_are_those_of_a_logarithmic_histogram():
+    durations = np.random.default_rng(1).lognormal(12, 2, 5_000).astype(int)
+    histogram = Histogram()
+    for duration in durations.tolist():
+        histogram.add(duration, duration)
+    counts = histogram.counts()
+    edges = np.array([upper for upper, _ in counts]) * 1e6  # ns
+    expected = [np.sum((durations + 1 >= edge * 2**-0.25 - 1e-6) & (durations + 1 < edge - 1e-6)) for edge in edges]
+    assert [n for _, n in counts] == expected
+    assert sum(n for _, n in counts) == 5_000
