@@ -69,12 +69,12 @@ class GaussNewton(Localizer):
         """Localise a scan, publish its pose, fuse it if it is believed."""
         chart: Map = self.context.uses["map"]
         estimate = self._predicted(scan)
+        twist = estimate.twist if self.config.deskew else None
         if chart.empty():
             self._uncertainty.begin(estimate.pose, estimate.covariance)
             self._accept(scan, estimate, None)
-            self._fuse(chart, scan, None)
+            self._fuse(chart, scan, chart.alignment(scan, estimate.pose, twist))
             return
-        twist = estimate.twist if self.config.deskew else None
         with self.context.measure("align"):
             if self._search is None:
                 found = self._track(chart, scan, estimate, twist)
