@@ -1,7 +1,7 @@
 """The conformance kit on everything that ships."""
 
-import struct
 import socket
+import struct
 import threading
 import uuid
 from pathlib import Path
