@@ -21,7 +21,7 @@ class GaussNewtonConfig(PluginConfig):
     deskew: bool = Field(True, description="move beams to the scan's stamp by the prior's motion")
 
     inflation: float = quantity(
-        150.0, "1", "variance of a scan's pose relative to what independent beams would give", ge=1
+        60.0, "1", "variance of a scan's pose relative to what independent beams would give", ge=1
     )
     fuse_motion: tuple[float, float] = quantity(
         (0.15, 0.15), "m, rad", "a scan is fused once the robot has moved by either since the last fused one"
