@@ -21,6 +21,7 @@ from knotwork.core.errors import InputError
 from knotwork.core.log.writer import MAGIC
 
 _FOOTER_SIZE = 9 + 20 + len(MAGIC)
+_ENDS = {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20}  # length of the records that end the data section
 _CHUNK_LIMIT = 1 << 30  # bytes; a larger claim is damage, not a chunk
 _OTHER: dict[int, Any] = {Opcode.HEADER: Header, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 _OTHER |= {Opcode.METADATA: Metadata, Opcode.ATTACHMENT: Attachment}
@@ -79,10 +80,10 @@ def records(path: Path, damage: Damage) -> Iterator[Record]:
         at = before = len(MAGIC)
         while at < size:
             opcode, length = _head(data, at)
-            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            if _ENDS.get(opcode) == length:
                 damage.complete = data[-_FOOTER_SIZE] == Opcode.FOOTER and data[-len(MAGIC) :] == MAGIC
                 return
-            if not opcode:
+            if not opcode or opcode in _ENDS:
                 # The length of the record before may be what is wrong: search from there.
                 found = _next_chunk(data, before + 1)
                 damage.lost_bytes += max(found - at, 0)

@@ -26,6 +26,12 @@ class SplineSurfaceOptions(PluginConfig):
         default=True,
         description="use a beam's gradient across the wall it hit only; false: the whole gradient, as the thesis",
     )
+    stride: tuple[float, float] = quantity(
+        (0.15, 0.15),
+        "m, rad",
+        "a scan counts once for each of either since the last one that was fused, and at least once",
+    )
+    strides: float = quantity(4.0, "1", "a scan counts at most so often", ge=1)
     free_step: float = quantity(3.0, "knot intervals", "distance between free samples along a beam", gt=0)
     margin: float = quantity(0.15, "m", "free samples stop this far before the end of a beam", ge=0)
     free_no_return: float = quantity(

@@ -7,6 +7,7 @@ import numpy as np
 
 from knotwork.core.beams import Beams, beams_of
 from knotwork.core.contracts import Alignment, Context
+from knotwork.core.geometry import wrap
 from knotwork.core.map_base import PlaneMap
 from knotwork.core.map_file import Arrays
 from knotwork.core.messages import F64, Scan
@@ -33,6 +34,7 @@ class SplineSurface(PlaneMap):
         self.options: SplineSurfaceOptions = options
         self.surfaces = [TiledArray() for _ in self.config.resolution]
         self._fused = 0
+        self._last: F64 | None = None  # pose of the last fused scan
 
     def warm(self) -> None:
         """Compile all kernels on a scan of two beams."""
@@ -73,6 +75,7 @@ class SplineSurface(PlaneMap):
         if not len(rays):
             return
         config, options = self.config, self.options
+        weight = self._weight(pose)
         reach = self._reach(rays)
         x, y = float(pose[0]), float(pose[1])
         for surface, step in zip(self.surfaces, config.resolution, strict=True):
@@ -83,12 +86,22 @@ class SplineSurface(PlaneMap):
             first, sample, used = 0, 0, surface.used
             while first < 2 * len(rays):
                 first, sample, used = kernels.fuse(
-                    *surface.arrays(), step, rays, pose, config.hit, config.free, config.clamp,
+                    *surface.arrays(), step, rays, pose, weight * config.hit, weight * config.free, config.clamp,
                     config.range_min, options.free_step * step, options.margin, options.free_no_return,
                     first, sample, used,
                 )  # fmt: skip
                 surface.commit(used)
         self._fused += 1
+        self._last = pose
+
+    def _weight(self, pose: F64) -> float:
+        """Return for how many scans this one counts: evidence grows with the way, also where scans are rare."""
+        if self._last is None:
+            return 1.0
+        far, turn = self.options.stride
+        moved = math.hypot(pose[0] - self._last[0], pose[1] - self._last[1]) / far
+        turned = abs(wrap(float(pose[2] - self._last[2]))) / turn
+        return min(max(1.0, moved, turned), self.options.strides)
 
     def _reach(self, rays: F64) -> float:
         """Return a radius around the robot [m] that holds all that the rays touch."""

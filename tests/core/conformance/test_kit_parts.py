@@ -125,7 +125,7 @@ def test_the_reference_map_answers_as_a_map(tmp_path):
 
 
 def test_every_core_type_has_a_sample_and_survives_the_codec():
-    core = {name for name, path in message_types().items() if path.startswith("knotwork.")}
+    core = {name for name, path in message_types().items() if path.startswith("knotwork.core.")}
     assert core == set(core_types())
     assert core == {message.type_name for _, message in extremes()}
     rng = np.random.default_rng(0)

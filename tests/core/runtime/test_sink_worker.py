@@ -15,6 +15,7 @@ class Slow:
     """Takes nothing before it is let."""
 
     inline = False
+    prompt = False
     context = SimpleNamespace(name="slow")
 
     def __init__(self):

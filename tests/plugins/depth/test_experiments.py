@@ -146,8 +146,10 @@ def test_a_base_knows_the_depths_after_backing_up_and_reaches_the_goal():
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_the_command_writes_results_and_figures(name, tmp_path, capsys):
+def test_the_command_writes_results_and_figures(name, tmp_path, capsys, request, monkeypatch):
     pytest.importorskip("matplotlib")
+    if name == "pillars":  # mapped from a recording
+        monkeypatch.setenv("KNOTWORK_DATA", str(request.getfixturevalue("data")))
     few = {"depth-multi": ["--points", "4", "--modes", "ideal", "ekf"]}.get(name, [])
     arguments = ["experiment", name, "--runs", "2", "--jobs", "1", "--out", str(tmp_path / "out"), "--json", *few]
     assert main(arguments) == 0
