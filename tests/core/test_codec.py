@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
 
 from knotwork.core import codec
 from knotwork.core import message_types as table_module
@@ -47,6 +48,8 @@ def strategy(annotation: Any) -> st.SearchStrategy[Any]:
         return st.dictionaries(strategy(parameters[0]), strategy(parameters[1]), max_size=4)
     if origin is np.ndarray:
         return arrays(get_args(parameters[1])[0])
+    if origin is NDArray:  # NumPy 2.5 and newer: an alias that keeps its name
+        return arrays(parameters[0])
     return {
         int: INTEGERS,
         float: FLOATS,
