@@ -90,8 +90,8 @@ def figures(pipeline: config.Pipeline, result: Result, collector: "Collector") -
     localizers = [name for name, spec in pipeline.nodes.items() if spec.manifest.kind == "localizer"]
     rows = [nodes[name] for name in localizers if nodes.get(name, {}).get("n")]
     scans = sum(row["n"] for row in rows)
-    localise = sum(row["self_mean_ms"] * row["n"] for row in rows) / scans if scans else None
     update = sum(nodes.get(f"{name}.update", {}).get("total_ms", 0.0) for name in localizers) / scans if scans else None
+    whole = sum(row["total_ms"] for row in rows) / scans if scans else None
     wall = result.statistics["wall_s"]
     duration = (collector.last - collector.first) / 1e9
     return {
@@ -99,9 +99,9 @@ def figures(pipeline: config.Pipeline, result: Result, collector: "Collector") -
         "lost_scans": len(collector.lost),
         "path_m": collector.path(),
         "log_duration_s": duration,
-        "localise_ms": localise,
+        "localise_ms": None if whole is None or update is None else whole - update,
         "update_ms": update,
-        "scan_ms": None if localise is None or update is None else localise + update,
+        "scan_ms": whole,
         "speed": duration / wall if wall and scans else None,
         "map_bytes": sum(collector.map_bytes.values()) if collector.map_bytes else None,
         "statistics": result.statistics,
