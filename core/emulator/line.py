@@ -134,8 +134,14 @@ class Line:
         """Whether a client has the line open."""
         return self.plugged and not any(event & select.POLLHUP for _, event in self._poll.poll(0))
 
+    def deserted(self) -> bool:
+        """Whether no client has the line open and none has left bytes in it."""
+        return not self.plugged or any(
+            event & select.POLLHUP and not event & select.POLLIN for _, event in self._poll.poll(0)
+        )
+
     def read(self) -> bytes:
-        """Return what the client has sent."""
+        """Return what the client has sent, or had sent before it went."""
         if not self.plugged:
             return b""
         try:

@@ -134,7 +134,7 @@ class Loop:
                     del watched[descriptor]
 
     def _watch(self, poll: select.poll, watched: dict[int, Device]) -> None:
-        there = {d.line.descriptor: d for d in self._devices if d.line.connected()}
+        there = {d.line.descriptor: d for d in self._devices if not d.line.deserted()}
         for gone in watched.keys() - there.keys():
             poll.unregister(gone)
             del watched[gone]

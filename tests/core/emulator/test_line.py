@@ -56,6 +56,16 @@ def test_what_nobody_listens_to_is_lost(line: Line) -> None:
     assert line.sent == 4
 
 
+def test_last_words_of_a_client_that_has_gone_are_heard(line: Line) -> None:
+    assert line.deserted()
+    with open_(line) as client:
+        client.write(b"stop")
+    assert not line.connected()
+    assert not line.deserted()  # a device's loop would not look again otherwise
+    assert line.read() == b"stop"
+    assert line.deserted()
+
+
 def test_replugged_under_another_name_behind_the_same_link(line: Line) -> None:
     first = os.readlink(line.link)
     client = open_(line)
