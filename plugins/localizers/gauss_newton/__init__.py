@@ -21,7 +21,7 @@ class GaussNewtonConfig(PluginConfig):
     deskew: bool = Field(True, description="move beams to the scan's stamp by the prior's motion")
 
     inflation: float = quantity(
-        60.0, "1", "variance of a scan's pose relative to what independent beams would give", ge=1
+        20.0, "1", "variance of a scan's pose relative to what independent beams would give", ge=1
     )
     fuse_motion: tuple[float, float] = quantity(
         (0.15, 0.15), "m, rad", "a scan is fused once the robot has moved by either since the last fused one"
@@ -41,7 +41,7 @@ class GaussNewtonConfig(PluginConfig):
     astray: tuple[float, float] = quantity(
         (1.5, 1.0), "m, rad", "how far from the prior a doubtful scan is looked for, before it counts as doubtful"
     )
-    astray_starts: int = quantity(600, "1", "poses tried for a doubtful scan", ge=1)
+    astray_starts: int = quantity(3000, "1", "poses tried for a doubtful scan", ge=1)
 
 
 MANIFEST = Manifest(

@@ -8,8 +8,13 @@ from knotwork.core.contracts import Alignment, Map, NormalEquations
 from knotwork.core.geometry import wrap
 from knotwork.core.messages import F64, Scan
 from knotwork.plugins.localizers.gauss_newton.solver import Settings, Solution, prior_cost, solve
+from knotwork.plugins.localizers.gauss_newton.starts import around
 
 _REFINED = 4  # starts that are solved at the coarsest level, the cheapest of all
+_PROMISING = 8  # starts that are solved because the map explains most there
+_NEAR = (0.3, 0.1)  # [m, rad] around those, where finer starts are tried
+_STARTS_NEAR = 200
+_NOTHING = np.zeros((3, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +76,46 @@ def descend(
             solution = solve(alignment, level, prior, prior, information, settings)
         else:
             solution = solve(alignment, level, solution.pose, prior, information, settings, here)
+    return _found(solution, alignment)
+
+
+def discover(chart: Map, scan: Scan, starts: F64, twist: F64 | None, settings: Settings) -> Found:
+    """Solve without a prior, and return the pose at which the map explains the largest share of the scan.
+
+    The cost alone does not tell where a robot has been before: walls that were seen once cost more than a few
+    strong ones that half of the beams miss.
+
+    Parameters
+    ----------
+    starts : shape (k, 3)
+        The cheapest and those that explain most are solved.
+    """
+    rough = chart.alignment(scan, starts[0], twist)
+    level = min(1, rough.levels - 1)
+    near = np.concatenate([around(start, *_NEAR, _STARTS_NEAR) for start in _best_explained(rough, starts, 0)])
+    tries = [(level, start) for start in _best_explained(rough, near, level)]
+    tries += [(0, start) for start in _cheapest(rough, starts, starts[0], _NOTHING, settings)]
+    found = [_refined(chart.alignment(scan, start, twist), first, start, settings) for first, start in tries]
+    return max(found, key=Found.explained)
+
+
+def _refined(alignment: Alignment, level: int, start: F64, settings: Settings) -> Found:
+    """Solve from `level` to the finest, from `start` (3,) and without a prior."""
+    solution = solve(alignment, level, start, start, _NOTHING, settings)
+    for finer in range(level + 1, alignment.levels):
+        solution = solve(alignment, finer, solution.pose, solution.pose, _NOTHING, settings)
+    return _found(solution, alignment)
+
+
+def _found(solution: Solution, alignment: Alignment) -> Found:
     x, y, yaw = solution.pose.tolist()
     return Found(np.array([x, y, wrap(yaw)]), solution.equations, alignment)
+
+
+def _best_explained(alignment: Alignment, starts: F64, level: int) -> F64:
+    """Return the few starts at which the map explains most of the scan, the best first."""
+    shares = np.array([alignment.inliers(start, level) for start in starts])
+    return starts[np.argsort(-shares, kind="stable")[:_PROMISING]]
 
 
 def _cheapest(alignment: Alignment, starts: F64, prior: F64, information: F64, settings: Settings) -> F64:

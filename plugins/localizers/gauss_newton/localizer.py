@@ -9,7 +9,7 @@ from knotwork.core.contracts import Alignment, Context, Localizer, Map, Prior, P
 from knotwork.core.geometry import compose, relative, wrap
 from knotwork.core.messages import F64, Pose, Scan
 from knotwork.plugins.localizers.gauss_newton import GaussNewtonConfig
-from knotwork.plugins.localizers.gauss_newton.descent import Found, descend
+from knotwork.plugins.localizers.gauss_newton.descent import Found, descend, discover
 from knotwork.plugins.localizers.gauss_newton.search import Search
 from knotwork.plugins.localizers.gauss_newton.solver import Settings, prior_cost, propose
 from knotwork.plugins.localizers.gauss_newton.starts import around
@@ -113,9 +113,7 @@ class GaussNewton(Localizer):
             self._accept(scan, estimate, found, information)
             return found
         self._counts["doubtful_scans"] += 1
-        again = descend(
-            chart, scan, around(prior, *config.astray, config.astray_starts), prior, _NOTHING, twist, self._settings
-        )
+        again = discover(chart, scan, around(prior, *config.astray, config.astray_starts), twist, self._settings)
         if again.explained() >= config.found:  # it was odometry that failed
             self._doubtful, self._quality = 0, again.quality()
             self._accept(scan, estimate, again)

@@ -7,14 +7,13 @@ import numpy as np
 from knotwork.core.contracts import Map
 from knotwork.core.geometry import compose, relative
 from knotwork.core.messages import F64, Scan
-from knotwork.plugins.localizers.gauss_newton.descent import Found, descend
+from knotwork.plugins.localizers.gauss_newton.descent import Found, discover
 from knotwork.plugins.localizers.gauss_newton.solver import Settings
 from knotwork.plugins.localizers.gauss_newton.starts import around
 
 _NEAR = (0.2, 0.2)  # [m, rad] around a place found once, for the scan that has to confirm it
 _CONFIRMING = 40  # starts there
 _GROWTH = 0.25  # of the first radius, a scan
-_NOTHING = np.zeros((3, 3))
 
 
 class Search:
@@ -50,7 +49,7 @@ class Search:
         if self._place is not None:
             pose, then = self._place
             moved = np.array(compose(pose.tolist(), relative(then.tolist(), prior.tolist())))
-            found = descend(chart, scan, around(moved, *_NEAR, _CONFIRMING), moved, _NOTHING, twist, settings)
+            found = discover(chart, scan, around(moved, *_NEAR, _CONFIRMING), twist, settings)
             self._place = None
             self.quality = found.explained()
             if self.quality >= self._enough:
@@ -59,7 +58,7 @@ class Search:
         radius = min(widest, first * (1.0 + _GROWTH * self.scans))
         centre = prior if self.scans % 2 else self._last
         starts = around(centre, radius, math.pi, self._starts)
-        found = descend(chart, scan, starts, centre, _NOTHING, twist, settings)
+        found = discover(chart, scan, starts, twist, settings)
         self.quality = found.explained()
         if self.quality >= self._enough:
             self._place = found.pose, prior

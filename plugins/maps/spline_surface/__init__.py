@@ -20,7 +20,7 @@ class SplineSurfaceOptions(PluginConfig):
 
     sigma: float = quantity(0.03, "1", "standard deviation of the residual 1 - s / clamp of a good beam", gt=0)
     beams: float = quantity(
-        180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
+        30.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
     )
     normals: bool = Field(
         default=True,
