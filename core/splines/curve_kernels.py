@@ -120,6 +120,9 @@ def normal_bands(
     return bands, right
 
 
+_EQUAL = 1.0 + 1e-12
+
+
 @kernel
 def nearest(control: Array, origin: float, step: float, degree: int, points: Array) -> tuple[Array, Array]:
     """Return the parameters (n,) of the curve points nearest to `points` (n, dim), and the distances (n,).
@@ -161,12 +164,12 @@ def nearest(control: Array, origin: float, step: float, degree: int, points: Arr
                 else:
                     low = t
                 ahead = t - slope / bend if bend > 0.0 else low - 1.0
-                t_next = ahead if low < ahead < high else 0.5 * (low + high)
+                t_next = ahead if low <= ahead <= high else 0.5 * (low + high)
                 if abs(t_next - t) < 1e-14:
                     break
                 t = t_next
             square = _terms(control, i, degree, points[k], t, w)[0]
-            if square < local:
+            if square <= local * _EQUAL:  # around the minimum squares differ by rounding only: Newton knows better
                 local, local_t = square, t
             if local < best:
                 best, best_q = local, i + degree + local_t
