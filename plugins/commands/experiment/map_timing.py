@@ -38,7 +38,7 @@ class MapTiming:
         scans = scans_along(arguments.world, "tour", _EVERY, arguments.seed)
         maps = available(MAPS)
         rounds = [measured(maps, scans) for _ in range(arguments.runs)]
-        table = {
+        table: dict[str, dict[str, Any]] = {
             name: {
                 what: None if rounds[0][name][what] is None else float(np.median([one[name][what] for one in rounds]))
                 for what in ("update_ms", "align_ms", "nbytes")
