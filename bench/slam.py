@@ -10,7 +10,7 @@ Times are the thread's processor time, stated also as multiples of what the surf
 import argparse
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from knotwork.core.bare_context import BareContext
 from knotwork.core.evaluation.relations import read_relations, score_relations
 from knotwork.core.evaluation.tum import StampedPoses
 from knotwork.core.messages import Message, Odometry, Pose, Scan
@@ -26,29 +27,11 @@ from knotwork.core.splines import Surface
 
 
 @dataclass
-class Bench:
-    """A minimal context: what a node emits is kept in `sent`, blocks are timed."""
+class Bench(BareContext):
+    """Times blocks, prints reports."""
 
-    name: str
-    config: Any
-    options: Any
-    uses: dict[str, Any] = field(default_factory=dict)
-    out: Path = Path(".")
-    seed: int = 0
-    run: dict[str, Any] = field(default_factory=dict)
-    time: int = 0
-    sent: list[tuple[str, Message]] = field(default_factory=list)
     times: dict[str, list[int]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
-
-    def emit(self, port: str, message: Message) -> None:
-        self.sent.append((port, message))
-
-    def now(self) -> int:
-        return self.time
-
-    def every(self, period: float, call: Callable[[int], None]) -> None:
-        pass
 
     def report(self, level: str, text: str) -> None:
         print(f"  {self.name} {level} at {self.time / 1e9:.1f} s: {text}")

@@ -1,17 +1,15 @@
 """Maps outside of a run: built by name, given scans at exact poses."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from knotwork.core.contracts import Level, Map
+from knotwork.core.bare_context import BareContext
+from knotwork.core.contracts import Map
 from knotwork.core.errors import InputError
-from knotwork.core.messages import F64, Message, Scan
+from knotwork.core.messages import F64, Scan
 from knotwork.core.registry import Registry
 from knotwork.core.world.raycast import RayCaster
 
@@ -46,39 +44,6 @@ COLOURS = {
     "curve": "tab:purple",
     "gp": "tab:pink",
 }
-
-
-@dataclass
-class BareContext:
-    """What a map needs of a context when nothing runs: no time, no messages, no reports."""
-
-    name: str
-    config: Any
-    options: Any
-    uses: dict[str, Any] = field(default_factory=dict)
-    out: Path = Path()
-    seed: int = 0
-    run: dict[str, Any] = field(default_factory=dict)
-
-    def emit(self, port: str, message: Message) -> None:
-        """Drop a message."""
-
-    def now(self) -> int:
-        """Return 0."""
-        return 0
-
-    def every(self, period: float, call: Callable[[int], None]) -> None:
-        """Never call."""
-
-    def report(self, level: Level, text: str) -> None:
-        """Say nothing."""
-
-    def count(self, name: str, by: int = 1) -> None:
-        """Count nothing."""
-
-    def measure(self, name: str = "") -> AbstractContextManager[None]:
-        """Measure nothing."""
-        return nullcontext()
 
 
 @lru_cache(maxsize=1)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from knotwork.core.bare_context import BareContext
 from knotwork.core.cli.main import main
 from knotwork.core.contracts import NormalEquations
 from knotwork.core.messages import Scan
 from knotwork.plugins.commands.experiment import circular_room, corridor_memory, map_timing, pillars, square_room
-from knotwork.plugins.commands.experiment.bare_map import BareContext, build_map, fused_as, turn
+from knotwork.plugins.commands.experiment.bare_map import build_map, fused_as, turn
 from knotwork.plugins.commands.experiment.map_error import FAR, pose_error, range_errors, residual_error
 from knotwork.plugins.commands.experiment.tours import poses_along, scans_along
 
