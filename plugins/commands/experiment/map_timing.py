@@ -95,6 +95,7 @@ def _bars(out: Path, table: dict[str, dict[str, Any]]) -> None:
         shown = {name: row[key] for name, row in table.items() if row[key] is not None}
         axis.barh(list(shown), list(shown.values()), color=[COLOURS[name] for name in shown])
         axis.set_xscale("log")
+        axis.set_xlim(left=0.01)
         axis.invert_yaxis()
         figures.label(axis, "processor time a scan [ms]", "", title)
     figures.save(figure, out, "table-7.1-timing")
