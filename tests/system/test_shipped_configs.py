@@ -1,4 +1,4 @@
-"""Every pipeline that comes with the package runs for a while: simulated, from a log, or with the emulated robot."""
+"""Every pipeline that comes with the package runs in a test; here those that no other test runs."""
 
 import json
 import os
@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
 
@@ -14,28 +15,27 @@ from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
 from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3
 
 SHORT = {
-    "demo": ["nodes.sim.duration=3"],
-    "gallery": ["nodes.sim.duration=3"],
     "sim-goal": ["nodes.sim.duration=3"],
     "depth-servo": ["nodes.camera.duration=2"],
     "depth-single": ["nodes.camera.duration=2"],
     "depth-robot": ["nodes.camera.duration=2"],
 }
-LOGS = {"radish": ["vars.log={data}/intel/intel.clf.xz", "nodes.log.limit=40"]}
-ROBOTS = {
-    "turtlebot3-burger": {},
-    "turtlebot3-burger-path": {},
-    "turtlebot3-waffle": {"model": "waffle"},
-    "turtlebot3-dynamixel": {"base": "dynamixel", "lidar": "lds02"},
+ROBOTS = {"turtlebot3-burger": {}, "turtlebot3-waffle": {"model": "waffle"}}
+ELSEWHERE = {  # and the split robot in test_split_turtlebot3
+    "demo": "test_radish.py",
+    "gallery": "test_curve_map.py",
+    "radish": "test_radish.py",
+    "turtlebot3-burger-path": "test_emulated_turtlebot3.py",
+    "turtlebot3-dynamixel": "test_emulated_turtlebot3.py",
 }
-# The split robot runs in test_split_turtlebot3. turtlebot3-depth is only validated (test_shipped_pipelines): it needs
-# a camera that looks at the world in which its base drives.
-VALIDATED = {"turtlebot3-depth"}
+VALIDATED = {"turtlebot3-depth"}  # it needs a camera that looks at the world in which its base drives
 
 
 def test_no_pipeline_is_left_out():
     shipped = {e.name.removesuffix(".yaml") for e in (files("knotwork") / "configs").iterdir() if e.is_file()}
-    assert shipped - {"__init__.py"} == {*SHORT, *LOGS, *ROBOTS, "agilex"} | VALIDATED
+    assert shipped - {"__init__.py"} == {*SHORT, *ROBOTS, *ELSEWHERE, "agilex"} | VALIDATED
+    for name, file in ELSEWHERE.items():
+        assert name in (Path(__file__).parent / file).read_text()
 
 
 @pytest.mark.parametrize("name", SHORT)
@@ -45,15 +45,6 @@ def test_it_runs_for_a_moment(name, knotwork, tmp_path):
     said = json.loads(done.stdout)
     assert said["exit_code"] == 0
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) > 10_000
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", LOGS)
-def test_it_runs_on_a_short_log(name, knotwork, tmp_path, data):
-    sets = [part for text in LOGS[name] for part in ("--set", text.format(data=data))]
-    done = knotwork("run", f"configs:{name}", *sets, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert len((tmp_path / "trajectory.tum").read_text().splitlines()) == 40
 
 
 def runs_with_a_lidar(name, out, sets):
