@@ -10,7 +10,7 @@ Times are the thread's processor time, stated also as multiples of what the surf
 import argparse
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from knotwork.core.bare_context import BareContext
 from knotwork.core.evaluation.relations import read_relations, score_relations
 from knotwork.core.evaluation.tum import StampedPoses
 from knotwork.core.messages import Message, Odometry, Pose, Scan
@@ -26,29 +27,11 @@ from knotwork.core.splines import Surface
 
 
 @dataclass
-class Bench:
-    """A minimal context: what a node emits is kept in `sent`, blocks are timed."""
+class Bench(BareContext):
+    """Times blocks, prints reports."""
 
-    name: str
-    config: Any
-    options: Any
-    uses: dict[str, Any] = field(default_factory=dict)
-    out: Path = Path(".")
-    seed: int = 0
-    run: dict[str, Any] = field(default_factory=dict)
-    time: int = 0
-    sent: list[tuple[str, Message]] = field(default_factory=list)
     times: dict[str, list[int]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
-
-    def emit(self, port: str, message: Message) -> None:
-        self.sent.append((port, message))
-
-    def now(self) -> int:
-        return self.time
-
-    def every(self, period: float, call: Callable[[int], None]) -> None:
-        pass
 
     def report(self, level: str, text: str) -> None:
         print(f"  {self.name} {level} at {self.time / 1e9:.1f} s: {text}")
@@ -97,68 +80,97 @@ class Yardstick:
         return float(np.median(self.times)) / 1e6
 
 
+class Rig:
+    """Prior, map and localiser in a loop of their own; settings are keys by node.
+
+    Attributes
+    ----------
+    poses, stamps, quality
+        Of each scan: pose (3,), stamp [ns], (quality, lost).
+    totals
+        Processor time of the localiser with the map's update, of each scan [ns].
+    """
+
+    def __init__(self, settings: dict[str, dict[str, Any]], plugin: str) -> None:
+        registry = Registry(third_parties=False)
+        self.prior, first = build(registry, "ekf", **settings.get("prior", {}))
+        self.chart, second = build(registry, plugin, **settings.get("map", {}))
+        self.localizer, self.context = build(registry, "gauss-newton", **settings.get("localizer", {}))
+        self.context.uses = {"map": self.chart, "prior": self.prior}
+        self._contexts = [first, second, self.context]
+        for node in (self.prior, self.chart, self.localizer):
+            node.warm()
+            node.open()
+        self.poses: list[Any] = []
+        self.stamps: list[int] = []
+        self.quality: list[tuple[float, bool]] = []
+        self.totals: list[int] = []
+
+    def take(self, message: Message) -> None:
+        """Take odometry or a scan, sealed with the time of the run."""
+        for each in self._contexts:
+            each.time = message.time
+        if isinstance(message, Odometry):
+            self.prior.on_odometry(message)
+        elif isinstance(message, Scan):
+            self.prior.on_scan(message)
+            before = time.thread_time_ns()
+            self.localizer.on_scan(message)
+            self.totals.append(time.thread_time_ns() - before)
+            pose = self.context.sent.pop()[1]
+            assert isinstance(pose, Pose)
+            self.prior.on_correction(pose.sealed(message.time, message.seq))
+            self.poses.append(pose.pose)
+            self.stamps.append(message.stamp)
+            self.quality.append((pose.quality, pose.lost))
+
+    def score(self, relations: Path) -> dict[str, Any]:
+        """Return the errors of the relations."""
+        estimate = StampedPoses(np.array(self.stamps), np.array(self.poses))
+        return score_relations(estimate, read_relations(relations))
+
+
+def messages(log: Path, keys: dict[str, Any], every: int = 1) -> Iterator[Message]:
+    """Yield odometry and each so manieth scan of a CARMEN log, sealed."""
+    driver, _ = build(Registry(third_parties=False), "carmen", path=str(log), **keys)
+    newest = 0
+    for seen, (_port, message) in enumerate(driver.events()):
+        newest = max(newest, message.stamp)
+        if not (isinstance(message, Scan) and message.scan_id % every):
+            yield message.sealed(newest, seen)
+
+
 def run(
     log: Path, settings: dict[str, dict[str, Any]], limit: int, every: int, plugin: str = "spline-surface"
 ) -> dict[str, Any]:
-    registry = Registry(third_parties=False)
-    driver, _ = build(registry, "carmen", path=str(log), **settings.get("log", {}))
-    prior, _ = build(registry, "ekf", **settings.get("prior", {}))
-    chart, chart_context = build(registry, plugin, **settings.get("map", {}))
-    localizer, context = build(registry, "gauss-newton", **settings.get("localizer", {}))
-    context.uses = {"map": chart, "prior": prior}
-    contexts = [prior.context, chart_context, context]
-    for node in (prior, chart, localizer):
-        node.warm()
-        node.open()
-    poses, stamps, quality, totals = [], [], [], []
-    seen = newest = 0
-    yardstick = Yardstick()
+    rig, yardstick = Rig(settings, plugin), Yardstick()
     started = time.perf_counter()
-    for _port, message in driver.events():
-        newest = max(newest, message.stamp)
-        sealed = message.sealed(newest, seen)
-        seen += 1
-        for each in contexts:
-            each.time = newest
-        if isinstance(sealed, Odometry):
-            prior.on_odometry(sealed)
-        elif isinstance(sealed, Scan):
-            if sealed.scan_id % every:
-                continue
-            prior.on_scan(sealed)
-            before = time.thread_time_ns()
-            localizer.on_scan(sealed)
-            totals.append(time.thread_time_ns() - before)
-            pose = context.sent.pop()[1]
-            assert isinstance(pose, Pose)
-            prior.on_correction(pose.sealed(newest, seen))
-            poses.append(pose.pose)
-            stamps.append(sealed.stamp)
-            quality.append((pose.quality, pose.lost))
-            if len(poses) % 100 == 0:
-                yardstick.measure()
-            if limit and len(poses) >= limit:
-                break
+    for message in messages(log, settings.get("log", {}), every):
+        rig.take(message)
+        if isinstance(message, Scan) and len(rig.poses) % 100 == 0:
+            yardstick.measure()
+        if limit and len(rig.poses) >= limit:
+            break
     wall = time.perf_counter() - started
     ms = lambda values: {  # noqa: E731
         "n": len(values),
         "mean": float(np.mean(values)) / 1e6,
         "p95": float(np.percentile(values, 95)) / 1e6,
-        "sum_per_scan": float(np.sum(values)) / len(poses) / 1e6,
+        "sum_per_scan": float(np.sum(values)) / len(rig.poses) / 1e6,
     }
     return {
-        "poses": np.array(poses),
-        "stamps": np.array(stamps),
-        "quality": np.array(quality),
+        "poses": np.array(rig.poses),
+        "stamps": np.array(rig.stamps),
+        "quality": np.array(rig.quality),
         "covariances": None,
-        "map": chart,
+        "map": rig.chart,
         "wall": wall,
-        "total": ms(totals),
+        "total": ms(rig.totals),
         "yardstick": yardstick.milliseconds() if yardstick.times else float("nan"),
-        "times": {k: ms(v) for k, v in context.times.items()},
-        "statistics": localizer.statistics(),
-        "prior_counts": prior.context.counts,
-        "nbytes": chart.nbytes,
+        "times": {k: ms(v) for k, v in rig.context.times.items()},
+        "statistics": rig.localizer.statistics(),
+        "prior_counts": rig.prior.context.counts,
+        "nbytes": rig.chart.nbytes,
     }
 
 

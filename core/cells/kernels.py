@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotwork.core.beams import across
-from knotwork.core.cells.interpolation import BICUBIC, BILINEAR, sample
+from knotwork.core.cells.interpolation import BICUBIC, BILINEAR, at, sample
 from knotwork.core.kernel import inlined, kernel
 from knotwork.core.robust import loss_terms
 
@@ -138,14 +138,28 @@ def explained(
     pool: Array, directory: Array, oi: int, oj: int, step: float, unknown: float, strict: bool, points: Array,
     pose: Array, low: float, high: float,
 ) -> int:  # fmt: skip
-    """Return how many points lie where the map, interpolated bilinearly, is within [low, high]."""
+    """Return how many points lie where the map is within [low, high].
+
+    A strict map is interpolated bilinearly. In another the highest of the four cells around counts: what is
+    next to a wall that was seen once is not less of a wall for lying between two cells.
+    """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
     count = 0
     for k in range(points.shape[0]):
         x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / step - 0.5
         y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / step - 0.5
-        value, _, _, missing = sample(pool, directory, oi, oj, BILINEAR, x, y, unknown)
-        if low <= value <= high and not (strict and missing > 0):
+        if strict:
+            value, _, _, missing = sample(pool, directory, oi, oj, BILINEAR, x, y, unknown)
+            if missing > 0:
+                continue
+        else:
+            i = math.floor(x)
+            j = math.floor(y)
+            value = max(
+                at(pool, directory, oi, oj, i, j), at(pool, directory, oi, oj, i, j + 1),
+                at(pool, directory, oi, oj, i + 1, j), at(pool, directory, oi, oj, i + 1, j + 1),
+            )  # fmt: skip
+        if low <= value <= high:
             count += 1
     return count

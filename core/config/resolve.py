@@ -178,14 +178,13 @@ class _Resolution:
             return None
         own = {key: child for key, child in item.value.items() if key not in RESERVED}
         label = f"plugin {manifest.name!r}"
-        also = {"uses", "inputs", "options", "queue"}
         config = check(
             manifest.config,
             container(own, item.where, key=item.key),
             path,
             self.problems,
             label=label,
-            also=also,
+            also=RESERVED,
         )
         if keys is None or config is None:
             return None

@@ -1,78 +1,49 @@
 """Maps outside of a run: built by name, given scans at exact poses."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from knotwork.core.contracts import Level, Map
+from knotwork.core.bare_context import BareContext
+from knotwork.core.contracts import Map
 from knotwork.core.errors import InputError
-from knotwork.core.messages import F64, Message, Scan
+from knotwork.core.messages import F64, Scan
 from knotwork.core.registry import Registry
 from knotwork.core.world.raycast import RayCaster
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A map plugin with its own options."""
+    """A map plugin with its own options; `single`: each beam of a scan is fused by itself."""
 
     plugin: str
     options: dict[str, Any] = field(default_factory=dict)
+    single: bool = False
 
 
 VARIANTS = {
     "surface": Variant("spline-surface"),
+    # Each beam frees what it crosses, though another ended there; our grid lets hits win within a scan.
+    "textbook": Variant("grid", {"interpolation": "nearest", "margin": 0.0}, single=True),
     "nearest": Variant("grid", {"interpolation": "nearest"}),
     "bilinear": Variant("grid", {"interpolation": "bilinear"}),
     "bicubic": Variant("grid", {"interpolation": "bicubic"}),
     "tsdf": Variant("tsdf"),
     "curve": Variant("spline-curve"),
+    "gp": Variant("gp"),
 }
 COLOURS = {
     "surface": "tab:blue",
+    "textbook": "tab:brown",
     "nearest": "0.45",
     "bilinear": "tab:orange",
     "bicubic": "tab:red",
     "tsdf": "tab:green",
     "curve": "tab:purple",
+    "gp": "tab:pink",
 }
-
-
-@dataclass
-class BareContext:
-    """What a map needs of a context when nothing runs: no time, no messages, no reports."""
-
-    name: str
-    config: Any
-    options: Any
-    uses: dict[str, Any] = field(default_factory=dict)
-    out: Path = Path()
-    seed: int = 0
-    run: dict[str, Any] = field(default_factory=dict)
-
-    def emit(self, port: str, message: Message) -> None:
-        """Drop a message."""
-
-    def now(self) -> int:
-        """Return 0."""
-        return 0
-
-    def every(self, period: float, call: Callable[[int], None]) -> None:
-        """Never call."""
-
-    def report(self, level: Level, text: str) -> None:
-        """Say nothing."""
-
-    def count(self, name: str, by: int = 1) -> None:
-        """Count nothing."""
-
-    def measure(self, name: str = "") -> AbstractContextManager[None]:
-        """Measure nothing."""
-        return nullcontext()
 
 
 @lru_cache(maxsize=1)
@@ -108,6 +79,15 @@ def build_map(name: str, resolution: tuple[float, ...], **config: Any) -> Map:
     chart: Map = build_node(variant.plugin, {"resolution": resolution, "publish": 0.0, **config}, variant.options)
     chart.warm()
     return chart
+
+
+def fused_as(name: str, scan: Scan) -> list[Scan]:
+    """Return the scans as which a variant fuses one: itself, or each beam alone."""
+    if not VARIANTS[name].single:
+        return [scan]
+    alone = np.full((len(scan.ranges), len(scan.ranges)), np.nan, np.float32)
+    np.fill_diagonal(alone, scan.ranges)
+    return [replace(scan, ranges=row) for row in alone]
 
 
 CENTRE: F64 = np.zeros(3)

@@ -15,7 +15,7 @@ from knotwork.plugins.commands.experiment import figures
 from knotwork.plugins.commands.experiment.bare_map import CENTRE, COLOURS, available, build_map, distances, turn
 from knotwork.plugins.commands.experiment.map_error import pose_error, range_errors, residual_error
 from knotwork.plugins.commands.experiment.parts import Part, run_parts, write_json
-from knotwork.plugins.commands.experiment.square_room import TITLES, below, text
+from knotwork.plugins.commands.experiment.square_room import TITLES, below, finish, text
 
 NOISES = (0.025, 0.05, 0.075, 0.1)  # m
 MAPS = ("surface", "nearest", "bilinear", "bicubic", "tsdf")
@@ -23,6 +23,7 @@ RADIUS, STEP, SCANS = 2.0, 0.10, 500
 BEAMS, RANGE_MAX = 360, 3.5  # LDS-01
 _BLOCK = 3  # runs a part
 _WINDOW, _FINE = 0.5, 0.01  # m
+_HITS = 10  # a scan that a place of the surface can take at most: all beams within two knots; a cell takes one
 
 
 class CircularRoom:
@@ -33,16 +34,19 @@ class CircularRoom:
     def arguments(self, parser: Any) -> None:
         """Add --scans and --clamp."""
         parser.add_argument("--scans", type=int, default=SCANS, metavar="N", help=f"of each map (default {SCANS})")
-        # With less than a hit a scan every cell that noise reaches ends at the bound, and no map tells them apart.
         parser.add_argument(
-            "--clamp", type=float, metavar="L", help="bound of log-odds of all maps (default: a hit a scan)"
+            "--clamp",
+            type=float,
+            default=0.0,
+            metavar="L",
+            help="bound of log-odds of all maps (default: none reaches it)",
         )
 
     def run(self, arguments: Any) -> int:
         """Run, write results.json and figures, print a table."""
         out = Path(arguments.out)
         maps = available(MAPS)
-        clamp = arguments.clamp or float(arguments.scans)
+        clamp = arguments.clamp
         parts = [
             Part(f"circular-room-{clamp:g}", f"{noise}", name, arguments.scans, arguments.seed, first, count)
             for noise in NOISES
@@ -62,7 +66,7 @@ class CircularRoom:
             "noise_m": NOISES,
             "runs": arguments.runs,
             "scans": arguments.scans,
-            "clamp": clamp,
+            "clamp": clamp or "not reached",
             "maps": table,
             "surface_below": below(table),
         }
@@ -82,10 +86,16 @@ def ranges_in(pose: F64 = CENTRE) -> F64:
     return distances(RayCaster(World("room", np.empty((0, 4)), circle)), pose, BEAMS)
 
 
+def off_centre(found: F64, true: F64) -> float:
+    """Return by how much [m] a pose (3,) is wrong about the distance from the middle: all that the room can tell."""
+    return float(np.hypot(*found[:2]) - np.hypot(*true[:2]))
+
+
 def mapped(name: str, noise: float, scans: int, clamp: float, seed: int, run: int) -> Map:
     """Return a map of the room after so many noisy scans; every map gets the same ones in the same run."""
     random = np.random.default_rng((seed, run, round(1e6 * noise)))
-    chart, true, pose = build_map(name, (STEP,), clamp=clamp), ranges_in(), np.zeros(3)
+    bound = clamp or scans * (_HITS if name == "surface" else 1)
+    chart, true, pose = build_map(name, (STEP,), clamp=bound), ranges_in(), np.zeros(3)
     for _ in range(scans):
         chart.update(turn(true + noise * random.standard_normal(len(true)), RANGE_MAX), pose)
     return chart
@@ -98,8 +108,8 @@ def block(part: Part) -> list[dict[str, Any]]:
     for run in range(part.first, part.first + part.count):
         chart = mapped(part.mode, float(part.disturbance), part.n, clamp, part.seed, run)
         errors = range_errors(chart, ranges_in(), _WINDOW, _FINE)
-        residual = None if part.mode == "tsdf" else residual_error(chart, ranges_in())
-        found = {"residual": residual, "pose_m": pose_error(chart, ranges_in)}
+        residual = None if part.mode == "tsdf" else residual_error(chart, ranges_in(), _WINDOW, _FINE)
+        found = {"residual": residual, "pose_m": pose_error(chart, ranges_in, off_centre)}
         rows.append(found | {"range_m": float(np.sqrt(np.mean(errors**2)))})
     return rows
 
@@ -124,8 +134,7 @@ def _curves(out: Path, table: dict[str, list[dict[str, Any]]]) -> None:
                     NOISES, mean, spread, marker="o", markersize=4, capsize=3, label=name, color=COLOURS[name]
                 )
         figures.label(axis, "standard deviation of the ranges [m]", title)
-        axis.set_ylim(bottom=0.0)
-    axes[0].legend()
+    finish(axes)
     figures.save(figure, out, "fig-7.8-circular-room")
 
 

@@ -95,6 +95,7 @@ def _bars(out: Path, results: dict[str, dict[str, dict[str, Any]]]) -> None:
         axis.barh(at + 0.2, counted, 0.38, label="as section 6.5 counts")
         axis.set_yticks(at, list(rows))
         axis.set_xscale("log")
+        axis.set_xlim(left=1.0)
         axis.invert_yaxis()
         figures.label(axis, "kB", "", world)
     axes[0][0].legend()

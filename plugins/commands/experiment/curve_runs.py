@@ -1,17 +1,15 @@
 """A simulated robot that maps a gallery: scans, poses and truths of one run, without the runtime around it."""
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from knotwork.core.bare_context import BareContext
 from knotwork.core.beams import Array, beams_of
 from knotwork.core.kernel import kernel
-from knotwork.core.messages import F64, Message, Odometry, Pose, Scan, Twist
+from knotwork.core.messages import F64, Odometry, Pose, Scan, Twist
 from knotwork.core.registry import Registry
 
 WORLD = "gallery"
@@ -20,45 +18,6 @@ CELL = 0.05  # m, of the grid that is compared with
 _CELLS = 800  # to a side of it
 _TURN = 0.5  # rad/s
 _STAND = 1_000_000_000  # ns: the first scan, which the map begins with, is taken standing
-
-
-@dataclass
-class Desk:
-    """A node's context: what it gives is kept."""
-
-    name: str
-    config: Any
-    options: Any
-    seed: int
-    uses: dict[str, Any] = field(default_factory=dict)
-    out: Path = Path(".")
-    run: dict[str, Any] = field(default_factory=dict)
-    time: int = 0
-    sent: list[tuple[str, Message]] = field(default_factory=list)
-    reports: list[str] = field(default_factory=list)
-
-    def emit(self, port: str, message: Message) -> None:
-        """Keep a message."""
-        self.sent.append((port, message))
-
-    def now(self) -> int:
-        """Return the time of the event in hand [ns]."""
-        return self.time
-
-    def every(self, period: float, call: Callable[[int], None]) -> None:
-        """Ignore timers."""
-
-    def report(self, level: str, text: str) -> None:
-        """Keep a line."""
-        self.reports.append(f"{level}: {text}")
-
-    def count(self, name: str, by: int = 1) -> None:
-        """Ignore counts."""
-
-    @contextmanager
-    def measure(self, name: str = "") -> Iterator[None]:
-        """Measure nothing."""
-        yield
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +89,7 @@ def _node(registry: Registry, plugin: str, seed: int, **keys: Any) -> Any:
     manifest = registry.find(plugin)
     assert manifest is not None
     options = manifest.options() if manifest.options else None
-    return registry.load(manifest)(Desk(plugin, manifest.config(**keys), options, seed))
+    return registry.load(manifest)(BareContext(plugin, manifest.config(**keys), options, seed=seed))
 
 
 def _command(drive: Any, prior: Any, turn: bool, turned: float, now: int) -> Twist:

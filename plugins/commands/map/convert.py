@@ -1,16 +1,14 @@
 """Saved maps in formats that others read; any map, by the plugin that saved it."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from knotwork.core.bare_context import BareContext
 from knotwork.core.contracts import Level, Map, Node, Sink
 from knotwork.core.errors import InputError, KnotworkError
 from knotwork.core.files import write_atomic
 from knotwork.core.map_file import describe_map
-from knotwork.core.messages import Grid, Message
+from knotwork.core.messages import Grid
 from knotwork.core.registry import Registry
 from knotwork.plugins.commands.map.svg import svg
 
@@ -18,34 +16,12 @@ FORMATS = ("pgm", "png", "svg")
 _SINKS = {"pgm": ("map-export", {}), "png": ("map-image", {"trajectory": False})}
 
 
-@dataclass
-class _Context:
-    """Enough of a `Context` for a node outside of a run."""
-
-    name: str
-    config: Any
-    options: Any
-    out: Path
-    uses: dict[str, Any] = field(default_factory=dict)
-    run: dict[str, Any] = field(default_factory=dict)
-    seed: int = 0
-
-    def emit(self, port: str, message: Message) -> None: ...
-
-    def now(self) -> int:
-        return 0
-
-    def every(self, period: float, call: Callable[[int], None]) -> None: ...
+class _Context(BareContext):
+    """A map or sink for one file: what goes wrong ends the command."""
 
     def report(self, level: Level, text: str) -> None:
         if level == "error":
             raise KnotworkError(text)
-
-    def count(self, name: str, by: int = 1) -> None: ...
-
-    @contextmanager
-    def measure(self, name: str = "") -> Iterator[None]:
-        yield
 
 
 def open_map(file: Path, registry: Registry | None = None) -> Map:
@@ -80,6 +56,7 @@ def convert(file: Path, to: str, output: Path, resolution: float | None = None) 
         outlines = chart.outlines()
         if outlines is None:
             raise InputError("a map of this kind has no outlines", where=str(file), hint="--to png, or pgm")
+        output = output.with_suffix(".svg")
         write_atomic(output, svg(outlines).encode())
         return [output]
     cells, side, origin = chart.rasterize(resolution)
@@ -110,5 +87,5 @@ def _node(
     except ValueError as error:  # pydantic's: the file is of another version, or the name is no file name
         first = str(error).splitlines()[1:3]
         raise InputError(f"does not fit the plugin {plugin!r}: {' '.join(first)}", where=where) from error
-    node: Node = registry.load(manifest)(_Context(plugin, model, chosen, out))
+    node: Node = registry.load(manifest)(_Context(plugin, model, chosen, out=out))
     return node

@@ -102,7 +102,11 @@ class CurveAlignment(Alignment):
             pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
             CODES[loss], scale, out,
         )  # fmt: skip
-        return NormalEquations(out[:3], out[3], cost, found.used, self._n)
+        return NormalEquations(out[:3], out[3], cost, found.used, self._holdable(level))
+
+    def _holdable(self, level: int) -> int:
+        """Return how many beams a map of curves can explain: those in clusters, but at least half of all."""
+        return max(len(self.clusters[level].points), self._n // 2)
 
     def costs(self, poses: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> F64:
         """Return the cost at each of `poses` (k, 3): shape (k,)."""
@@ -141,11 +145,11 @@ class CurveAlignment(Alignment):
         return residuals, rows
 
     def inliers(self, pose: F64, level: int) -> float:
-        """Return the share of beams with a return that end near a curve, in [0, 1]."""
+        """Return the share of the beams that curves can hold which end near one, in [0, 1]."""
         if not self._n:
             return 0.0
         found = self.association(pose, level, max(self._options.explained, 0.25 * self._stores[level].step))
-        return int(np.count_nonzero(found.run >= 0)) / self._n
+        return int(np.count_nonzero(found.run >= 0)) / max(self._holdable(level), 1)
 
     def tracks(self, pose: F64, level: int) -> list[Track]:
         """Return which stretches of the scan lie on which curves at `pose` (3,)."""

@@ -32,7 +32,3 @@ class BoxIndex:
     def meeting(self, box: Box) -> list[int]:
         """Return the keys of all boxes that meet `box`."""
         return list(self._tree.intersection(box))
-
-    def nearest(self, x: float, y: float, count: int) -> list[int]:
-        """Return the keys of at least `count` boxes nearest to a point, the nearest first."""
-        return list(self._tree.nearest((x, y, x, y), count))

@@ -8,7 +8,7 @@ from knotwork.core.kernel import kernel
 from knotwork.core.messages import F64
 from knotwork.core.splines.basis import Array
 from knotwork.plugins.maps.spline_curve.piece import foot, place
-from knotwork.plugins.maps.spline_curve.store import DEGREE, CurveStore
+from knotwork.plugins.maps.spline_curve.store import DEGREE, PER_SCAN, CurveStore
 
 _DENSE = 4  # samples in a knot interval
 
@@ -150,5 +150,5 @@ def fill_nearest(
         out[k, 2] = y
         out[k, 3] = curve
         middle = min(max(round(q - first - 2.0), 0), count - 1)
-        out[k, 4] = weight[start + middle] / 5.0
+        out[k, 4] = weight[start + middle] / PER_SCAN
         out[k, 5] = 1.0 if beyond == 0.0 else 0.0

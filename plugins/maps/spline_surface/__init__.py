@@ -34,6 +34,9 @@ class SplineSurfaceOptions(PluginConfig):
     strides: float = quantity(4.0, "1", "a scan counts at most so often", ge=1)
     free_step: float = quantity(3.0, "knot intervals", "distance between free samples along a beam", gt=0)
     margin: float = quantity(0.15, "m", "free samples stop this far before the end of a beam", ge=0)
+    margin_steps: float = quantity(
+        3.0, "knot intervals", "and so many, where that is more: nearer ones take from the wall itself", ge=0
+    )
     free_no_return: float = quantity(
         0.0, "m", "a beam without return is free up to this, and to `range_max`; 0: it says nothing", ge=0
     )

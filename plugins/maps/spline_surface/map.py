@@ -83,11 +83,12 @@ class SplineSurface(PlaneMap):
                 math.floor((x - reach) / step) - 4, math.floor((y - reach) / step) - 4,
                 math.floor((x + reach) / step) + 2, math.floor((y + reach) / step) + 2,
             )  # fmt: skip
+            margin = max(options.margin, options.margin_steps * step)
             first, sample, used = 0, 0, surface.used
             while first < 2 * len(rays):
                 first, sample, used = kernels.fuse(
                     *surface.arrays(), step, rays, pose, weight * config.hit, weight * config.free, config.clamp,
-                    config.range_min, options.free_step * step, options.margin, options.free_no_return,
+                    config.range_min, options.free_step * step, margin, options.free_no_return,
                     first, sample, used,
                 )  # fmt: skip
                 surface.commit(used)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from knotwork.core.bare_context import BareContext
 from knotwork.core.cli.main import main
 from knotwork.core.contracts import NormalEquations
 from knotwork.core.messages import Scan
 from knotwork.plugins.commands.experiment import circular_room, corridor_memory, map_timing, pillars, square_room
-from knotwork.plugins.commands.experiment.bare_map import BareContext, build_map, turn
+from knotwork.plugins.commands.experiment.bare_map import build_map, fused_as, turn
 from knotwork.plugins.commands.experiment.map_error import FAR, pose_error, range_errors, residual_error
 from knotwork.plugins.commands.experiment.tours import poses_along, scans_along
 
@@ -62,6 +63,7 @@ class Ridge:
     wall: float
     flat: float = 0.0
     unit: float = 0.1
+    floor: float = 0.0  # residual at the ridge
 
     def alignment(self, scan, guess, motion=None):
         return RidgeAlignment(self, scan.ranges.astype(float))
@@ -76,7 +78,8 @@ class RidgeAlignment:
         if pose[0] == FAR:
             return np.full(len(self.ranges), 10.0), np.zeros((len(self.ranges), 3))
         off = np.abs(self.ranges - self.chart.wall)
-        return np.maximum(off - self.chart.flat, 0.0) / self.chart.unit, np.zeros((len(self.ranges), 3))
+        off = np.maximum(off - self.chart.flat, 0.0)
+        return self.chart.floor + off / self.chart.unit, np.zeros((len(self.ranges), 3))
 
     def normal_equations(self, pose, level):
         """A bowl whose bottom lies (3, 4) cm beside the true place."""
@@ -94,6 +97,29 @@ def test_the_ridge_is_found_where_it_is(flat):
 def test_the_residual_is_a_share_of_that_of_the_unknown():
     assert residual_error(Ridge(2.1), np.full(360, 2.0)) == pytest.approx((0.1 / 0.1 / 10.0) ** 2, rel=1e-5)
     assert residual_error(Ridge(2.0), np.full(360, 2.0)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_unbounded_map_is_measured_by_the_most_it_holds():
+    # It holds 1 - 0.1 / 0.1 / 10 = 0.9 of what a bound would be at the wall, all of it 0.1 m behind.
+    assert residual_error(Ridge(2.1), np.full(360, 2.0), 0.2, 0.01) == pytest.approx(0.01, rel=1e-4)
+    # One that holds half as much everywhere is as good.
+    half = Ridge(2.1, unit=0.2)
+    half.floor = 5.0
+    assert residual_error(half, np.full(360, 2.0), 0.2, 0.01) == pytest.approx(0.01, rel=1e-4)
+
+
+def test_a_round_room_tells_the_distance_from_its_middle_only():
+    turned = np.array((0.3 * np.cos(2.0), 0.3 * np.sin(2.0), 5.0))
+    assert circular_room.off_centre(turned, np.array((0.3, 0.0, 0.0))) == pytest.approx(0.0, abs=1e-12)
+    assert circular_room.off_centre(np.array((0.0, -0.31, 0.0)), np.array((0.3, 0.0, 0.0))) == pytest.approx(0.01)
+
+
+def test_beam_by_beam_is_the_whole_scan_in_parts():
+    scan = turn(np.linspace(1.0, 2.0, 7), 3.5)
+    assert fused_as("nearest", scan) == [scan]
+    parts = np.array([part.ranges for part in fused_as("textbook", scan)])
+    assert np.array_equal(np.diag(parts), scan.ranges)
+    assert np.count_nonzero(np.isnan(parts)) == 42
 
 
 def test_the_pose_error_is_the_distance_to_the_bottom_of_the_cost():
@@ -172,16 +198,22 @@ def test_a_square_room_is_mapped_and_compared(capsys, tmp_path, monkeypatch):
     rows = results["maps"]["surface"]
     assert [row["side_m"] for row in rows] == [4.0, 4.18]
     for row in rows:
-        assert row["residual"] < 0.01  # nothing known would be 1
-        assert row["pose_m"] < 0.01
+        assert row["residual"] < 1e-4  # nothing known would be 1
+        assert row["pose_m"] < 0.005
+    below = results["surface_below"]["residual"]
+    assert all(all(below[name]) for name in ("textbook", "bilinear", "bicubic")), "Fig. 7.6"
+    assert [row["residual"] for row in results["maps"]["nearest"]] == [
+        0.0,
+        0.0,
+    ]  # each beam ends in a cell that was hit
     assert results == json.loads((tmp_path / "results.json").read_text())
 
 
 def test_a_circular_room_is_mapped_under_noise(capsys, tmp_path):
     arguments = ("--runs", "1", "--scans", "20", "--out", str(tmp_path))
     results = run(capsys, "circular-room", *arguments)
-    assert results["clamp"] == 20.0
-    assert all(0.0 <= row["residual"] < 0.05 for row in results["maps"]["surface"])
+    assert results["clamp"] == "not reached"
+    assert all(all(marks) for marks in results["surface_below"]["residual"].values()), "Fig. 7.8"
     assert (tmp_path / "fig-7.8-circular-room.png").is_file()
     again = run(capsys, "circular-room", *arguments, "--no-figures")
     assert again == results
@@ -191,7 +223,8 @@ def test_timing_and_memory_speak_of_every_map(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(map_timing, "_EVERY", 3.0)
     timing = run(capsys, "timing", "--runs", "1", "--out", str(tmp_path / "t"), "--no-figures")
     assert timing["update_relative_to_surface"]["surface"] == 1.0
-    assert all(row["update_ms"] > 0 and row["align_ms"] > 0 for row in timing["maps"].values())
+    assert all(row["update_ms"] > 0 for row in timing["maps"].values())
+    assert [name for name, row in timing["maps"].items() if not row["align_ms"]] in ([], ["gp"])
     memory = run(capsys, "corridor-memory", "--length", "2", "--out", str(tmp_path / "m"), "--no-figures")
     assert set(memory) == {"corridor-300m", "apartment"}
     fine, pyramid = (memory["corridor-300m"][f"surface {levels}"] for levels in ("0.05", "0.30 0.125 0.05"))

@@ -288,6 +288,18 @@ def test_tracks_say_which_stretch_lies_where(curves):
     assert tracks[0].overlap == pytest.approx(np.deg2rad(149.0) * 2.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("clutter", "share"), [(0, 1.0), (60, 1.0), (180, 60 / 120)])
+def test_beams_that_no_curve_can_hold_do_not_count_but_half_of_them_always_do(curves, clutter, share):
+    """Sixty beams lie on an arc, the rest end one by one, near and far: twigs, chair legs."""
+    ranges = np.concatenate([np.full(60, 2.0), np.where(np.arange(clutter) % 2, 4.0, 6.0)])
+    chart = curves(resolution=[0.1])
+    chart.update(scan(ranges), np.zeros(3))
+    alignment = chart.alignment(scan(ranges), np.zeros(3))
+    assert alignment.inliers(np.zeros(3), 0) == pytest.approx(share)
+    terms = alignment.normal_equations(np.zeros(3), 0)
+    assert (terms.n_used, terms.n_total) == (60, max(60, (60 + clutter) // 2))
+
+
 def test_a_scan_of_another_place_is_not_explained(curves):
     chart = mapped_room(curves)
     pose = np.array([0.3, -0.2, 0.5])

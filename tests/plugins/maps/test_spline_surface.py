@@ -60,6 +60,16 @@ def test_a_beam_clears_its_way_and_leaves_the_wall(surface):
     assert chart.occupancy(np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])) == pytest.approx([-1, 1, 0], abs=0.3)
 
 
+@pytest.mark.parametrize("step", [0.05, 0.3])
+def test_free_space_takes_nothing_from_the_wall(surface, step):
+    """Samples stop three knots before it, where two cubic bases have 1 / 2416 of their square in common."""
+    for reach in np.linspace(2.0, 2.9, 19):
+        chart = surface(hit=1e-6, free=1.0, resolution=[step])
+        chart.update(scan([reach]), np.zeros(3))
+        assert log_odds(chart, [[1.0, 0.0]])[0] < -0.1
+        assert log_odds(chart, [[reach, 0.0]])[0] > -0.005
+
+
 def test_walls_alone_say_nothing_of_the_way_along_them(surface):
     """Two parallel walls: the information along them is a small share of that across."""
     angles = np.deg2rad(np.arange(360.0))
