@@ -130,6 +130,43 @@ def test_without_the_scan_stream_the_time_places_a_correction(make_ekf, steps):
     assert_equal_answers(answers(on_time, times), answers(late, times))
 
 
+@given(steps=st.lists(STEP, min_size=1, max_size=30), held=st.lists(st.integers(0, 6), min_size=31, max_size=31))
+@settings(max_examples=100, deadline=None)
+def test_odometry_that_a_busy_host_hands_on_late_counts_from_its_stamp(make_ekf, steps, held):
+    # Odometry keeps its own order, but scans taken later, and their corrections, overtake it.
+    steps = [(later + 1, kind, form, 0, False, 3 * seed) for later, kind, form, _, _, seed in steps]
+    messages = [m for m, _ in events(steps, True)]
+    late, waiting = [messages[0]], []
+    for message, events_left in zip(messages[1:], held, strict=False):
+        if isinstance(message, Odometry):
+            waiting.append([message, events_left])
+        else:
+            late.append(message)
+        while waiting and waiting[0][1] <= 0:
+            late.append(waiting.pop(0)[0])
+        for each in waiting:
+            each[1] -= 1
+    late += [m for m, _ in waiting]
+    now, arrived = 0, []
+    for message in late:
+        now = max(now, message.time)
+        arrived.append(message.sealed(now, 0) if isinstance(message, Odometry) else message)
+    a, b = make_ekf(), make_ekf()
+    deliver(a, messages)
+    deliver(b, arrived)
+    end = messages[-1].time
+    times = [*range(0, end + 400 * MS, 37 * MS), *(m.time for m in messages)]
+    assert_equal_answers(answers(a, times), answers(b, times))
+
+
+def test_odometry_of_another_clock_counts_from_its_arrival(make_ekf):
+    ekf, uptime = make_ekf(), 3600 * 1000 * MS
+    for k in range(20):
+        pose = np.array([0.02 * k, 0.0, 0.0])
+        ekf.on_odometry(Odometry(stamp=k * 100 * MS, pose=pose).sealed(uptime + k * 100 * MS, k))
+    np.testing.assert_allclose(ekf.prior(uptime + 1050 * MS).pose, [0.21, 0.0, 0.0], atol=1e-12)
+
+
 def matrix(pose):
     x, y, yaw = pose
     return np.array([[math.cos(yaw), -math.sin(yaw), x], [math.sin(yaw), math.cos(yaw), y], [0, 0, 1]])
