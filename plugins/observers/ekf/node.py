@@ -39,8 +39,11 @@ class Ekf(Observer):
         The stamp of an odometry message means the instant of that message, also where stamps run backwards.
         """
         known = self._stamps.get(time)
-        state, twist, weak = self._history.at(time if known is None else known[0])
-        return PriorEstimate(np.array(state.pose), to_matrix(state.covariance), np.array(twist), weak)
+        time = time if known is None else known[0]
+        state, twist, weak = self._history.at(time)
+        newest = self._history.newest
+        ahead = 0.0 if newest is None or newest.odom is None else max(0.0, (time - newest.time) / SECOND)
+        return PriorEstimate(np.array(state.pose), to_matrix(state.covariance), np.array(twist), weak, ahead)
 
     def on_odometry(self, message: Odometry) -> None:
         """Integrate the motion since the last odometry message and publish the prior."""

@@ -192,18 +192,24 @@ def test_late_corrections_between_odometry_agree_with_a_plain_filter(make_ekf):
     pose, p = np.zeros(3), np.diag([0.01, 0.01, 0.01])
     queue = sorted([(t, None, m) for t, m in knots] + [(t, z, r) for t, z, r in fixes], key=lambda e: e[0])
     at, last = 0, knots[0][1]
+    off = np.zeros(2)  # sigma of where the last step began: how far an interpolated place may be off
     for time, z, what in queue:
+        begun = off
         if z is None:
-            odom = what
+            odom, off = what, np.zeros(2)
         else:
             i = time // (100 * MS)
-            step = logm(np.linalg.inv(knots[i][1]) @ knots[i + 1][1])
-            odom = knots[i][1] @ expm(np.real(step) * (time / (100 * MS) - i))
+            whole = np.linalg.inv(knots[i][1]) @ knots[i + 1][1]
+            share = time / (100 * MS) - i
+            odom = knots[i][1] @ expm(np.real(logm(whole)) * share)
+            change = np.minimum([1.5 * 0.1**2 / 4, 6.0 * 0.1**2 / 4], [math.hypot(*whole[:2, 2]), abs(vector(whole)[2])])
+            off = 2.0 * share * (1.0 - share) * change
         motion = np.linalg.inv(last) @ odom
         d, turn = math.hypot(*motion[:2, 2]), abs(vector(motion)[2])
         dt = (time - at) * 1e-9
         t = c.translation_per_metre**2 * d + c.translation_per_radian**2 * turn + c.floor[0] ** 2 * dt
         r = c.rotation_per_metre**2 * d + c.rotation_per_radian**2 * turn + c.floor[1] ** 2 * dt
+        t, r = (t, r) + off**2 + begun**2
         new = vector(matrix(pose) @ motion)
         jacobian = np.eye(3)
         jacobian[:2, 2] = [-(new - pose)[1], (new - pose)[0]]
