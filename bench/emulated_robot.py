@@ -116,9 +116,7 @@ def figures(folder: Path, out: Path, used: resource.struct_rusage, code: int, en
         "poses": len(distance),
         "position error [cm RMS]": round(100 * float(np.sqrt(np.mean(distance**2))), 2),
         "position error [cm max]": round(100 * float(distance.max()), 2),
-        "newest pose's age at the end [s]": round(
-            (ended - int(estimate.stamps[-1])) * 1e-9, 3
-        ),
+        "newest pose's age at the end [s]": round((ended - int(estimate.stamps[-1])) * 1e-9, 3),
         "drops": {name: row["drops"] for name, row in nodes.items() if row.get("drops")},
         "lidar": counters["lidar"],
         "base": counters["base"],

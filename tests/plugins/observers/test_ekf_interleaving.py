@@ -202,7 +202,9 @@ def test_late_corrections_between_odometry_agree_with_a_plain_filter(make_ekf):
             whole = np.linalg.inv(knots[i][1]) @ knots[i + 1][1]
             share = time / (100 * MS) - i
             odom = knots[i][1] @ expm(np.real(logm(whole)) * share)
-            change = np.minimum([1.5 * 0.1**2 / 4, 6.0 * 0.1**2 / 4], [math.hypot(*whole[:2, 2]), abs(vector(whole)[2])])
+            change = np.minimum(
+                [1.5 * 0.1**2 / 4, 6.0 * 0.1**2 / 4], [math.hypot(*whole[:2, 2]), abs(vector(whole)[2])]
+            )
             off = 2.0 * share * (1.0 - share) * change
         motion = np.linalg.inv(last) @ odom
         d, turn = math.hypot(*motion[:2, 2]), abs(vector(motion)[2])
