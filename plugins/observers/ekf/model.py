@@ -89,7 +89,7 @@ class Model:
             t = self._tt * way + self._tr * turn + self._floor[0] * bounded
             r = self._rt * way + self._rr * turn + self._floor[5] * bounded
             noise = (t, 0.0, 0.0, t, 0.0, r)
-        if follower is not None and (0.0 < before.part or part < 1.0):
+        if follower is not None and (before.part > 0.0 or part < 1.0):
             noise = add(noise, _between(knot, follower, before.part, part))
         if follower is None:
             noise = add(noise, times(self._unknown, elapsed))

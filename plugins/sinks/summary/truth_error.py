@@ -5,7 +5,6 @@ from typing import Any
 
 from knotwork.core.geometry import Pose2, relative, wrap
 
-
 _WAITING = 1000  # poses; without a truth every estimate would wait for ever
 
 
