@@ -31,7 +31,7 @@ from knotwork.core.evaluation.tum import StampedPoses, read_tum
 _DIRTY = ["--drop-bytes", "lidar=0.01", "--flip-bits", "lidar=0.001", "--drop-bytes", "base=0.001"]
 _KNOTWORK = [sys.executable, "-c", "import sys; from knotwork.core.cli.main import main; sys.exit(main())"]
 _PRECEDENCE = -10  # nice value of the emulator
-_START = 30.0  # s that the run may take before the robot moves: loading, calibrating the gyro
+_START = 300.0  # s that the run may take to its first pose: compiling, loading, calibrating the gyro
 
 
 def errors(estimate: StampedPoses, truth: StampedPoses) -> np.ndarray:
@@ -83,17 +83,21 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
 
 
 def _wait(pipeline: "subprocess.Popen[bytes]", arguments: argparse.Namespace, folder: Path) -> None:
-    end = time.monotonic() + arguments.duration + _START
-    shown = time.monotonic()
-    while time.monotonic() < end and pipeline.poll() is None:
+    path = folder / "out" / "trajectory.online.tum"
+    started = time.monotonic()
+    while not path.exists() and pipeline.poll() is None:
+        if time.monotonic() - started > _START:
+            raise SystemExit(f"no pose within {_START:g} s")
+        time.sleep(0.1)
+    started = shown = time.monotonic()
+    while time.monotonic() - started < arguments.duration and pipeline.poll() is None:
         time.sleep(0.5)
         if arguments.every and time.monotonic() - shown > arguments.every:
             shown = time.monotonic()
             status = Path(f"/proc/{pipeline.pid}/status").read_text()
             rss = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
-            age = (epoch() - _newest(folder / "out" / "trajectory.online.tum")) * 1e-9
-            seconds = shown - end + arguments.duration + _START
-            print(f"{seconds:7.0f} s  {rss / 1024:.1f} MB  newest pose {age:.2f} s old", flush=True)
+            age = (epoch() - _newest(path)) * 1e-9
+            print(f"{shown - started:7.0f} s  {rss / 1024:.1f} MB  newest pose {age:.2f} s old", flush=True)
 
 
 def _newest(path: Path) -> int:
