@@ -40,7 +40,7 @@ def errors(estimate: StampedPoses, truth: StampedPoses) -> np.ndarray:
     t = (estimate.stamps[inside] - truth.stamps[0]) * 1e-9
     known = (truth.stamps - truth.stamps[0]) * 1e-9
     x, y = (np.interp(t, known, truth.poses[:, i]) for i in (0, 1))
-    return np.hypot(estimate.poses[inside, 0] - x, estimate.poses[inside, 1] - y)
+    return np.asarray(np.hypot(estimate.poses[inside, 0] - x, estimate.poses[inside, 1] - y))
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
@@ -55,6 +55,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         os.setpriority(os.PRIO_PROCESS, robot.pid, _PRECEDENCE)
         Path(f"/proc/{robot.pid}/autogroup").write_text(str(_PRECEDENCE))
     out = folder / "out"
+    pipeline: subprocess.Popen[bytes] | None = None
     try:
         assert robot.stdout is not None
         paths = dict(robot.stdout.readline().strip().split(": ", 1) for _ in range(2))
@@ -77,6 +78,8 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
         _, status, used = os.wait4(pipeline.pid, 0)
         pipeline.returncode = os.waitstatus_to_exitcode(status)
     finally:
+        if pipeline is not None and pipeline.returncode is None:
+            pipeline.kill()
         robot.send_signal(signal.SIGTERM)
         robot.wait(10.0)
     return figures(folder, out, used, pipeline.returncode, ended)
