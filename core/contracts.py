@@ -218,12 +218,16 @@ class PriorEstimate:
     weak
         The prediction may be wrong by more than its covariance says (time gap, discontinuity):
         try several starts.
+    ahead
+        How far the newest odometry is behind that time [s]: what the robot did since is guessed, and may be
+        known soon. 0: it is known, or there is no odometry.
     """
 
     pose: F64
     covariance: F64
     twist: F64
     weak: bool = False
+    ahead: float = 0.0
 
 
 @runtime_checkable

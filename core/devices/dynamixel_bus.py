@@ -143,11 +143,11 @@ class DynamixelBus:
     def _collect(self, devices: Sequence[int], length: int, patience: float) -> dict[int, Packet]:
         answers: dict[int, Packet] = {}
         until = clock.monotonic() + round(patience * 1e9)
-        while len(answers) < len(devices):
+        left = patience
+        # Once more after the time is up: what has arrived is an answer, also on a host that has paused meanwhile.
+        while len(answers) < len(devices) and left > 0.0:
             left = (until - clock.monotonic()) * 1e-9
-            if left <= 0.0:
-                break
-            for packet in self.parser.feed(self.port.read(left)):
+            for packet in self.parser.feed(self.port.read(max(left, 0.0))):
                 parts = [packet]
                 if packet.id == dynamixel.BROADCAST and packet.is_status:
                     parts = dynamixel.split_fast(packet, length)

@@ -71,6 +71,11 @@ class WheelOdometry:
         self._suspect: tuple[int, int] | None = None
         self._stamp = self._within = 0
 
+    @property
+    def read(self) -> int:
+        """When the counts were read last [ns], 0 for never."""
+        return self._stamp
+
     def restart(self) -> None:
         """Take the next reading as a new beginning: the odometry goes on, marked."""
         self._last = None

@@ -64,8 +64,10 @@ class Robot:
         self.angles = (0.0, 0.0)
         self.wheels: deque[WheelSample] = deque(maxlen=_SAMPLES)
         self._yaw = self._ax = self._ay = self._span = 0.0
-        self.motion.poses(now, np.zeros(1))  # compiled now, not when the first reply is due
+        # Compiled now, not when the first reply is due.
+        self.motion.poses(now, np.zeros(1))
         self.obstacles.cast(np.zeros((1, 2)), np.array([[1.0, 0.0]]), 1.0)
+        self.obstacles.clearance(*self.start[:2])
 
     @property
     def speeds(self) -> tuple[float, float]:

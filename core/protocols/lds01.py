@@ -93,6 +93,16 @@ def _u16(value: int) -> int:
     return min(max(value, 0), 0xFFFF)
 
 
+def _follows(packet: Packet, before: Packet) -> bool:
+    """Tell whether a packet's sector is as far from an earlier one's as the bytes between them say.
+
+    Bytes are lost, not added: the sector may be a little further, one packet for half a turn.
+    """
+    steps, rest = divmod(packet.end - before.end, PACKET)
+    steps += rest > PACKET // 2
+    return (packet.sector - before.sector - steps) % SECTORS <= 1 + steps // (SECTORS // 2)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Revolution:
     """One turn of the head, in the device's clockwise order.
@@ -123,11 +133,23 @@ class Revolution:
 
 
 class Revolutions:
-    """Puts packets together to turns; a turn is given at its last packet, or when the next one begins."""
+    """Puts packets together to turns; a turn is given at its last packet, or when the next one begins.
+
+    A sum of bytes lets some damaged packets through. One whose sector is not where the stream has come to is
+    put aside; the next packet tells whether it was damaged, or whether bytes were lost by the turn.
+
+    Attributes
+    ----------
+    misplaced
+        Packets that were given up because of their sector.
+    """
 
     def __init__(self) -> None:
+        self.misplaced = 0
         self._last = -1  # sector of the last packet of this turn
         self._stamp = 0
+        self._before: Packet | None = None  # the last one that was believed
+        self._aside: tuple[Packet, int] | None = None  # with its stamp
         self._clear()
 
     def add(self, packet: Packet, stamp: int) -> list[Revolution]:
@@ -135,6 +157,18 @@ class Revolutions:
 
         A silence that is half a turn longer than the sector numbers explain ends a turn as well.
         """
+        aside, self._aside = self._aside, None
+        if self._before is None or _follows(packet, self._before):
+            self.misplaced += aside is not None
+            return self._take(packet, stamp)
+        if aside is not None and _follows(packet, aside[0]):
+            return self._take(*aside) + self._take(packet, stamp)
+        self.misplaced += aside is not None
+        self._aside = packet, stamp
+        return []
+
+    def _take(self, packet: Packet, stamp: int) -> list[Revolution]:
+        self._before = packet
         over: list[Revolution] = []
         if self._last >= 0:
             turn = 60e9 / packet.rpm if packet.rpm > 0.0 else 1e9 / RATE
@@ -154,6 +188,7 @@ class Revolutions:
 
     def reset(self) -> None:
         """Forget the unfinished turn."""
+        self._before = self._aside = None
         self._clear()
 
     def _close(self) -> Revolution:

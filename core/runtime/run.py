@@ -9,6 +9,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from knotwork.core import clock
+from knotwork.core.collector import settled
 from knotwork.core.contracts import Driver, Level
 from knotwork.core.errors import InputError, KnotworkError, NodeError
 from knotwork.core.graph import Graph, Stream
@@ -158,7 +159,8 @@ class Run:
                 self._opened.append(name)
                 guarded(name, node.open)
             self._registry.hooks.hook.knotwork_run_started(run=self)
-            self._dispatch()
+            with settled(collect=self.graph.clock == "real"):
+                self._dispatch()
         except KnotworkError as error:
             self._fail(error)
         self._finish()

@@ -19,7 +19,7 @@ class FrozenWheels:
         moved
             When the encoders changed last [ns].
         now
-            [ns]
+            When the encoders were read last [ns]: a host that paused has seen nothing.
         """
         if not commanded:
             self._since = None

@@ -10,6 +10,7 @@ from types import FrameType
 from typing import Any, Protocol
 
 from knotwork.core.clock import monotonic
+from knotwork.core.collector import settled
 from knotwork.core.contracts import Command
 from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3, parts
 from knotwork.core.errors import InputError
@@ -164,16 +165,17 @@ def _live(
         started = monotonic()
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         sys.stdout.flush()
-        while robot.alive and not end.is_set():
-            passed = (monotonic() - started) * 1e-9
-            while deeds and deeds[0][0] <= passed:
-                deeds.pop(0)[1]()
-            if duration is not None and passed >= duration:
-                break
-            until = [0.2]
-            until += [deed[0] - passed for deed in deeds[:1]]
-            until += [duration - passed] if duration is not None else []
-            end.wait(max(0.0, min(until)))
+        with settled():
+            while robot.alive and not end.is_set():
+                passed = (monotonic() - started) * 1e-9
+                while deeds and deeds[0][0] <= passed:
+                    deeds.pop(0)[1]()
+                if duration is not None and passed >= duration:
+                    break
+                until = [0.2]
+                until += [deed[0] - passed for deed in deeds[:1]]
+                until += [duration - passed] if duration is not None else []
+                end.wait(max(0.0, min(until)))
     finally:
         robot.stop()
         for number, handler in before.items():

@@ -41,11 +41,10 @@ class CanBus:
         try:
             self._bus: Any = can.Bus(interface=config.interface, channel=config.channel, **options)
         except (can.CanError, OSError, ValueError, NotImplementedError, ImportError) as error:
-            raise DriverError(
-                f"cannot open the CAN bus: {error}",
-                where=where,
-                hint=f"sudo ip link set {config.channel} up type can bitrate {config.bitrate}",
-            ) from error
+            hint = "is it an interface of python-can, and is this one of its channels?"
+            if config.interface == "socketcan":
+                hint = f"sudo ip link set {config.channel} up type can bitrate {config.bitrate}"
+            raise DriverError(f"cannot open the CAN bus: {error}", where=where, hint=hint) from error
         self.decoder = agilex.Decoder()
         self.error_frames = 0
         try:

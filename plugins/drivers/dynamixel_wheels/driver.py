@@ -95,7 +95,7 @@ class DynamixelWheels(BaseDriver):
         limit = self.motors.limit
         units = [min(max(round(speed / self._unit), -limit), limit) for speed in (left, right)]
         self.motors.goal(units[0], units[1])
-        if self._frozen.look(units != [0, 0], self._odometry.moved, now):
+        if self._frozen.look(units != [0, 0], self._odometry.moved, self._odometry.read):
             self.supervisor.fault("the wheels do not turn though they are told to")
         return self.motors.bus.sent
 

@@ -94,6 +94,7 @@ class Lds(Driver):
             "rejected_packets": parser.rejected,
             "skipped_bytes": parser.skipped,
             "missing_packets": model.missing,
+            "misplaced_packets": model.misplaced,
             "rpm": round(model.rpm, 1),
         }
 

@@ -26,6 +26,8 @@ class Model(ABC):
         Counts what it had to reject.
     missing
         Packets that never arrived.
+    misplaced
+        Packets that were damaged though their check byte is right: they claim to be elsewhere on the turn.
     rpm
         Speed of the head over the last turn.
     traffic
@@ -41,7 +43,7 @@ class Model(ABC):
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self.missing = 0
+        self.missing = self.misplaced = 0
         self.rpm = 0.0
         self.scans = 0
         self._entered = True  # the first turn is one that was entered somewhere
@@ -137,7 +139,9 @@ class Lds01(Model):
 
     def _add(self, packet: lds01.Packet, sent: int) -> list[Scan]:
         self._speeds = [*self._speeds[1 - lds01.SECTORS :], packet.rpm]
-        return [self._convert(turn) for turn in self._turns.add(packet, sent) if not self._cut(turn.missing)]
+        turns = self._turns.add(packet, sent)
+        self.misplaced = self._turns.misplaced
+        return [self._convert(turn) for turn in turns if not self._cut(turn.missing)]
 
     def _convert(self, turn: lds01.Revolution) -> Scan:
         self.missing += turn.missing

@@ -139,7 +139,8 @@ class OpenCr(BaseDriver):
         if due and self.reading_well(now):
             self.board.beat()
             self._refreshed = now
-        if self._frozen.look(command != (0, 0), self._odometry.moved if self._odometry else 0, now):
+        odometry = self._odometry
+        if odometry is not None and self._frozen.look(command != (0, 0), odometry.moved, odometry.read):
             self.supervisor.fault("the wheels do not turn though they are told to")
         return sent
 

@@ -19,6 +19,9 @@ class GaussNewtonConfig(PluginConfig):
     settle: tuple[float, float] = quantity((2e-4, 5e-5), "m, rad", "a step smaller than both is the last at its level")
     damping: float = quantity(0.5, "1", "first damping of a level: share added to the diagonal of H", gt=0)
     deskew: bool = Field(True, description="move beams to the scan's stamp by the prior's motion")
+    patience: float = quantity(
+        0.4, "s", "a scan of a time that odometry has not come to waits for it so long; 0: not at all", ge=0
+    )
 
     inflation: float = quantity(
         20.0, "1", "variance of a scan's pose relative to what independent beams would give", ge=1

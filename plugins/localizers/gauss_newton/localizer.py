@@ -1,6 +1,7 @@
 """The localiser `gauss-newton`."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from knotwork.plugins.localizers.gauss_newton.solver import Settings, prior_cost
 from knotwork.plugins.localizers.gauss_newton.starts import around
 from knotwork.plugins.localizers.gauss_newton.uncertainty import MapUncertainty, scan_alone
 
+_GONE = 1.0  # [s] odometry that has not come for so long will not come
 _AGREE = 0.3  # [m] a prior this near the pose has taken it over
 _NOTHING = np.zeros((3, 3))
 _LOOSE = np.diag([0.04, 0.04, 0.04])  # covariance of a pose that is predicted by nobody
@@ -50,6 +52,7 @@ class GaussNewton(Localizer):
         self._quality = math.nan
         self._doubtful = 0  # scans in a row
         self._search: Search | None = None
+        self._waiting: deque[tuple[Scan, int]] = deque()  # with the time when they came [ns]
         self._settling = False  # found again, but the prior has not taken it over yet
         self._counts = {"lost_scans": 0, "doubtful_scans": 0}
 
@@ -66,9 +69,31 @@ class GaussNewton(Localizer):
         return dict(self._counts)
 
     def on_scan(self, scan: Scan) -> None:
-        """Localise a scan, publish its pose, fuse it if it is believed."""
+        """Localise a scan, and those before it that waited for odometry."""
+        self._waiting.append((scan, self.context.now()))
+        self._work(self.context.now() - round(self.config.patience * 1e9))
+
+    def finish(self) -> None:
+        """Localise the scans that still wait."""
+        self._work(self.context.now())
+
+    def _work(self, since: int) -> None:
+        """Localise the scans in order, up to one that may wait: it came after `since` [ns].
+
+        A host that pauses gets scans before the odometry of their time. By a guess of the robot's motion they
+        would be de-skewed wrongly, and drawn into the map like that.
+        """
+        while self._waiting:
+            scan, came = self._waiting[0]
+            estimate = self._predicted(scan)
+            if came > since and 0.0 < estimate.ahead <= _GONE:
+                return
+            self._waiting.popleft()
+            self._localise(scan, estimate)
+
+    def _localise(self, scan: Scan, estimate: PriorEstimate) -> None:
+        """Publish the pose of a scan, fuse it if it is believed."""
         chart: Map = self.context.uses["map"]
-        estimate = self._predicted(scan)
         twist = estimate.twist if self.config.deskew else None
         if chart.empty():
             self._uncertainty.begin(estimate.pose, estimate.covariance)
@@ -89,7 +114,8 @@ class GaussNewton(Localizer):
             return PriorEstimate(self._belief.pose, _LOOSE, np.zeros(3))
         estimate = source.prior(scan.stamp)
         pose = np.array(estimate.pose, np.float64)
-        return PriorEstimate(pose, np.array(estimate.covariance, np.float64), estimate.twist, estimate.weak)
+        covariance = np.array(estimate.covariance, np.float64)
+        return PriorEstimate(pose, covariance, estimate.twist, estimate.weak, estimate.ahead)
 
     def _track(self, chart: Map, scan: Scan, estimate: PriorEstimate, twist: F64 | None) -> Found | None:
         """Publish the pose near the prior; return it if the scan may be fused there."""

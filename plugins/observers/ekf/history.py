@@ -36,7 +36,7 @@ class History:
     def append_odometry(
         self, time: int, odom: Pose2, twist: Pose2 | None, covariance: Triangle | None, jump: bool
     ) -> Knot:
-        """Append an odometry message; it is not before any other, whatever its time says."""
+        """Add an odometry message measured at `time` [ns]; it is not before any other, whatever its time says."""
         last = self.newest
         knot = Knot(max(time, last.time) if last else time, self.number + 1, odom, self.model.start)
         if last is not None and last.odom is not None:
@@ -120,14 +120,17 @@ class History:
 
     def _append(self, knot: Knot) -> None:
         entries = self.entries
-        at = len(entries)
+        at = place = len(entries)
         if self.newest is not None:
             # Corrections after the last knot were placed by extrapolation; now their place is known.
             while entries[at - 1].time > self.newest.time:
                 at -= 1
+            # Odometry that comes late belongs before the corrections of what was measured after it.
+            while place > at and entries[place - 1].time > knot.time:
+                place -= 1
         self.number = knot.number
         self.newest = knot
-        entries.append(knot)
+        entries.insert(place, knot)
         self._recompute(at)
         if len(entries) > self._trim_at:
             self._trim(knot.time - self._buffer)

@@ -7,6 +7,7 @@ from knotwork.core.geometry import IDENTITY, Pose2, compose, exp, interpolate, l
 from knotwork.plugins.observers.ekf import EkfConfig
 from knotwork.plugins.observers.ekf.entries import Entry, Fix, Knot, Outcome, State, Steady
 from knotwork.plugins.observers.ekf.filter import (
+    Triangle,
     add,
     correct,
     correct_information,
@@ -20,7 +21,20 @@ from knotwork.plugins.observers.ekf.filter import (
 )
 
 SECOND = 1_000_000_000  # [ns]
+_CHANGE = (1.5, 6.0)  # [m/s^2, rad/s^2] at which a robot's motion may change between two odometry messages
 _PERIOD_GAIN = 0.05  # of the running mean of the time between scans; bursts of stamps average out
+
+
+def _between(knot: Knot, follower: Knot, *parts: float) -> Triangle:
+    """Return the covariance of places on the way from a knot to the next, that were interpolated.
+
+    A robot that changes its speed is off the place by at most a T^2 s (1 - s) / 2, and by no more than it moves.
+    """
+    dx, dy, turn = relative(cast(Pose2, knot.odom), cast(Pose2, follower.odom))
+    period = (follower.time - knot.time) / SECOND
+    share = 2.0 * sum((s * (1.0 - s)) ** 2 for s in parts) ** 0.5
+    most, most_turn = (0.25 * a * period * period for a in _CHANGE)
+    return diagonal(share * min(math.hypot(dx, dy), most), share * min(abs(turn), most_turn))
 
 
 class Model:
@@ -75,6 +89,8 @@ class Model:
             t = self._tt * way + self._tr * turn + self._floor[0] * bounded
             r = self._rt * way + self._rr * turn + self._floor[5] * bounded
             noise = (t, 0.0, 0.0, t, 0.0, r)
+        if follower is not None and (before.part > 0.0 or part < 1.0):
+            noise = add(noise, _between(knot, follower, before.part, part))
         if follower is None:
             noise = add(noise, times(self._unknown, elapsed))
         elif follower.gap:

@@ -9,9 +9,10 @@ from knotwork.core.contracts import Context, Observer, PriorEstimate
 from knotwork.core.geometry import Pose2, compose, inverse, wrap
 from knotwork.core.messages import F64, Message, Odometry, Pose, Scan, Transform
 from knotwork.plugins.observers.ekf import EkfConfig
-from knotwork.plugins.observers.ekf.entries import Fix, Place
+from knotwork.plugins.observers.ekf.entries import Fix, Knot, Place
 from knotwork.plugins.observers.ekf.filter import Triangle, diagonal, is_positive, to_matrix, to_triangle
 from knotwork.plugins.observers.ekf.history import History
+from knotwork.plugins.observers.ekf.model import SECOND
 
 _MARKS = 4096  # stamps and scans whose place in the odometry is remembered
 
@@ -26,6 +27,7 @@ class Ekf(Observer):
         super().__init__(context)
         config: EkfConfig = context.config
         self._history = History(config)
+        self._late = round(config.buffer * SECOND)  # most that odometry may be late [ns]
         self._sigma = diagonal(*config.correction_sigma)
         self._scans: dict[tuple[int, int], Place] = {}  # by stamp and scan_id
         self._stamps: dict[int, Place] = {}  # by stamp of odometry
@@ -37,8 +39,11 @@ class Ekf(Observer):
         The stamp of an odometry message means the instant of that message, also where stamps run backwards.
         """
         known = self._stamps.get(time)
-        state, twist, weak = self._history.at(time if known is None else known[0])
-        return PriorEstimate(np.array(state.pose), to_matrix(state.covariance), np.array(twist), weak)
+        time = time if known is None else known[0]
+        state, twist, weak = self._history.at(time)
+        newest = self._history.newest
+        ahead = 0.0 if newest is None or newest.odom is None else max(0.0, (time - newest.time) / SECOND)
+        return PriorEstimate(np.array(state.pose), to_matrix(state.covariance), np.array(twist), weak, ahead)
 
     def on_odometry(self, message: Odometry) -> None:
         """Integrate the motion since the last odometry message and publish the prior."""
@@ -53,13 +58,15 @@ class Ekf(Observer):
         if not _finite(x, y, yaw, *(twist or ()), *(covariance or ())):
             self._tell("invalid_odometry", "odometry with a value that is no number is ignored")
             return
-        knot = self._history.append_odometry(message.time, (x, y, yaw), twist, covariance, message.discontinuity)
+        knot = self._history.append_odometry(
+            self._measured(message), (x, y, yaw), twist, covariance, message.discontinuity
+        )
         _remember(self._stamps, message.stamp, (knot.time, knot.number))
         if knot.jump:
             self._tell("discontinuities", "odometry was interrupted: weak prediction until the next correction")
         elif knot.gap:
             self.context.count("gaps")
-        self._publish(message)
+        self._publish(message, knot)
 
     def on_scan(self, message: Scan) -> None:
         """Remember where in the odometry the scan was taken; without odometry, predict its pose."""
@@ -68,7 +75,7 @@ class Ekf(Observer):
         if newest is None or newest.odom is None:
             knot = history.append_scan(message.time)
             _remember(self._stamps, message.stamp, (knot.time, knot.number))
-            self._publish(message)
+            self._publish(message, knot)
         _remember(self._scans, (message.stamp, message.scan_id), self._instant(message.stamp, message.time))
 
     def on_correction(self, message: Pose) -> None:
@@ -93,8 +100,17 @@ class Ekf(Observer):
             pose = np.array(compose(last.state.pose, inverse(last.odom)))
             self.context.emit("transform", Transform(stamp=message.stamp, parent="map", child="odom", pose=pose))
 
-    def _publish(self, message: Message) -> None:
-        state = self._history.entries[-1].state
+    def _measured(self, message: Odometry) -> int:
+        """Return when odometry was measured [ns]: at its stamp, unless that is no time of the run's clock.
+
+        A busy host hands it on late, after scans that were taken after it; counted from then on, motion that
+        those scans' poses already have in them would be added to them once more.
+        """
+        late = message.time - message.stamp
+        return message.stamp if 0 <= late <= self._late else message.time
+
+    def _publish(self, message: Message, knot: Knot) -> None:
+        state = knot.state
         self.context.emit(
             "prior",
             Pose(

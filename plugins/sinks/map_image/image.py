@@ -8,6 +8,8 @@ from knotwork.core.files import write_atomic
 from knotwork.core.messages import F64, Grid, Message, Pose, Trajectory
 from knotwork.plugins.sinks.map_image import MapImageConfig
 
+_POSES = 8192  # of the path that is drawn; of a longer one every other pose is left out
+
 
 class MapImage(Sink):
     """Keeps the last grid of each stream and the path; draws them at the end, and each period."""
@@ -19,14 +21,13 @@ class MapImage(Sink):
         self._names: dict[str, str] = {}
         self._drawn: dict[str, int] = {}
         self._path: dict[int, tuple[float, float, float]] = {}  # by scan, or by a negative number without one
+        self._nameless = 0  # poses without a scan
 
     def on_message(self, stream: str, message: Message) -> None:
         """Keep a grid, a pose, the corrections of a trajectory."""
         if isinstance(message, Pose):
             if message.role == "estimate" and not message.lost:
-                key = message.scan_id if message.scan_id >= 0 else -1 - len(self._path)
-                x, y, yaw = message.pose.tolist()
-                self._path[key] = (x, y, yaw)
+                self._extend(message)
         elif isinstance(message, Trajectory):
             for scan, (x, y, yaw) in zip(message.scan_ids.tolist(), message.poses.tolist(), strict=True):
                 if scan in self._path:
@@ -40,6 +41,15 @@ class MapImage(Sink):
             self.context.report("warning", f"{self._config.name}.png is not drawn: no grid came")
         for stream in self._grids:
             self._draw(stream)
+
+    def _extend(self, pose: Pose) -> None:
+        if pose.scan_id < 0:
+            self._nameless += 1
+        x, y, yaw = pose.pose.tolist()
+        self._path[pose.scan_id if pose.scan_id >= 0 else -self._nameless] = (x, y, yaw)
+        if len(self._path) > _POSES:
+            newest = list(self._path.items())
+            self._path = dict(newest[-1::-2][::-1])  # the last one stays: it marks the end
 
     def _keep(self, stream: str, grid: Grid) -> None:
         if stream not in self._names:

@@ -5,12 +5,15 @@ from typing import Any
 
 from knotwork.core.geometry import Pose2, relative, wrap
 
+_WAITING = 1000  # poses; without a truth every estimate would wait for ever
+
 
 class TruthError:
     """Pairs estimates with true poses by `scan_id`.
 
     Both are taken relative to the first true pose, which fixes the map's frame; nothing is aligned
-    afterwards. Estimates that say `lost` are left out.
+    afterwards. Estimates that say `lost` are left out, and so is a pose whose other half does not come
+    before a thousand others wait.
     """
 
     def __init__(self) -> None:
@@ -30,6 +33,8 @@ class TruthError:
         other = self._waiting.pop(("estimate" if role == "truth" else "truth", scan_id), None)
         if other is None:
             self._waiting[role, scan_id] = pose
+            if len(self._waiting) > _WAITING:
+                del self._waiting[next(iter(self._waiting))]
             return
         square = (pose[0] - other[0]) ** 2 + (pose[1] - other[1]) ** 2
         self._n += 1

@@ -1,32 +1,51 @@
 """Writes the path while the run goes on, and once more at the end where it was corrected."""
 
 import math
+from contextlib import suppress
 from io import FileIO
 
 from knotwork.core.contracts import Context, Sink
 from knotwork.core.errors import KnotworkError
 from knotwork.core.files import write_atomic
+from knotwork.core.geometry import Pose2
 from knotwork.core.messages import Message, Pose, Trajectory
 from knotwork.plugins.sinks.trajectory import TrajectoryConfig
-from knotwork.plugins.sinks.trajectory.tum import line
+from knotwork.plugins.sinks.trajectory.numbers import ScanNumbers
+from knotwork.plugins.sinks.trajectory.tum import line, stamp_of
 
 _HINT = "free space on the disk or choose another folder with --out"
 
 
 class _Path:
-    """The poses of one stream by scan, in the order of its first estimates."""
+    """The poses of one stream, in the order of their first estimates."""
 
     def __init__(self) -> None:
         self.files: list[FileIO] = []  # as estimated, and the one that is corrected at the end
-        self.lines: dict[int, tuple[int, int, str]] = {}  # scan_id -> revision, stamp, line
-        self.changed = False
+        self.scans = ScanNumbers()  # a line each
+        self.corrections: dict[tuple[int, int], tuple[int, Pose2]] = {}  # (scan_id, stamp) -> revision, pose
+
+    def correct(self, scan_id: int, stamp: int, revision: int, pose: Pose2) -> None:
+        """Note a correction of a scan that has a line, unless it is known better."""
+        first = self.scans.revision(scan_id)
+        known = self.corrections.get((scan_id, stamp))
+        if first is not None and revision >= (first if known is None else known[0]):
+            self.corrections[scan_id, stamp] = revision, pose
+
+    def corrected(self, text: str) -> str:
+        """Return the lines of a file of first estimates with the corrections in it."""
+        lines = text.splitlines(keepends=True)
+        for i, (old, (scan_id, _)) in enumerate(zip(lines, self.scans, strict=False)):
+            stamp = stamp_of(old)
+            if known := self.corrections.get((scan_id, stamp)):
+                lines[i] = line(stamp, *known[1])
+        return "".join(lines)
 
 
 class TrajectoryWriter(Sink):
     """Gives `NAME.online.tum`, each pose as first estimated, and `NAME.tum`, as corrected since.
 
     One line a scan, in the order of the log. Each line is in the files at once: a killed run keeps
-    both, `NAME.tum` then without the later corrections.
+    both, `NAME.tum` then without the later corrections. Only corrections are kept in memory.
     """
 
     def __init__(self, context: Context) -> None:
@@ -50,9 +69,9 @@ class TrajectoryWriter(Sink):
         for stream, path in paths.items():
             for file in path.files:
                 file.close()
-            if path.changed:
-                text = "".join(text for _, _, text in path.lines.values())
-                write_atomic(self.context.out / f"{self._name(stream, list(paths))}.tum", text.encode())
+            if path.corrections:
+                file_of = self.context.out / f"{self._name(stream, list(paths))}.tum"
+                write_atomic(file_of, path.corrected(file_of.read_text()).encode())
 
     def _add(self, stream: str, message: Pose) -> None:
         x, y, yaw = message.pose.tolist()
@@ -60,25 +79,20 @@ class TrajectoryWriter(Sink):
             self.context.count("invalid_poses")
             return
         path = self._paths.get(stream) or self._open(stream)
-        text = line(message.stamp, x, y, yaw)
-        known = path.lines.get(message.scan_id)
-        if known is None:
-            path.lines[message.scan_id] = (message.revision, message.stamp, text)
-            for file in path.files:
-                _write(file, text.encode())
-        elif message.revision >= known[0]:
-            path.lines[message.scan_id] = (message.revision, known[1], line(known[1], x, y, yaw))
-            path.changed = True
+        if path.scans.revision(message.scan_id) is not None:
+            path.correct(message.scan_id, message.stamp, message.revision, (x, y, yaw))
+            return
+        text = line(message.stamp, x, y, yaw).encode()
+        for file in path.files:
+            _write(file, text)
+        path.scans.add(message.scan_id, message.revision)
 
     def _supersede(self, message: Trajectory) -> None:
         rows = zip(message.scan_ids.tolist(), message.stamps.tolist(), message.poses.tolist(), strict=True)
         for scan_id, stamp, (x, y, yaw) in rows:
             for path in self._paths.values():
-                known = path.lines.get(scan_id)
                 # The stamp tells apart scans of equal number from two sensors.
-                if known and known[0] <= message.revision and known[1] == stamp:
-                    path.lines[scan_id] = (message.revision, stamp, line(stamp, x, y, yaw))
-                    path.changed = True
+                path.correct(scan_id, stamp, message.revision, (x, y, yaw))
 
     def _open(self, stream: str) -> _Path:
         name = self._name(stream, [*self._paths, stream])
@@ -100,8 +114,13 @@ class TrajectoryWriter(Sink):
 
 
 def _write(file: FileIO, data: bytes) -> None:
+    """Write a whole line or nothing of it."""
+    end = file.tell()
     try:
         while data:
             data = data[file.write(data) :]
     except OSError as error:
+        with suppress(OSError):
+            file.truncate(end)
+            file.seek(end)
         raise KnotworkError(f"cannot write: {error.strerror}", where=str(file.name), hint=_HINT) from error

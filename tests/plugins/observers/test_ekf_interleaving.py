@@ -1,6 +1,7 @@
 """A correction delayed by T, in any interleaving, gives what the on-time one gives."""
 
 import math
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -130,6 +131,43 @@ def test_without_the_scan_stream_the_time_places_a_correction(make_ekf, steps):
     assert_equal_answers(answers(on_time, times), answers(late, times))
 
 
+@given(steps=st.lists(STEP, min_size=1, max_size=30), held=st.lists(st.integers(0, 6), min_size=1, max_size=20))
+@settings(max_examples=100, deadline=None)
+def test_odometry_that_a_busy_host_hands_on_late_counts_from_its_stamp(make_ekf, steps, held):
+    # Odometry keeps its own order, but scans taken later, and their corrections, overtake it.
+    steps = [(later + 1, kind, form, 0, False, 3 * seed) for later, kind, form, _, _, seed in steps]
+    messages = [m for m, _ in events(steps, True)]
+    late, waiting = [messages[0]], []
+    for message, events_left in zip(messages[1:], cycle(held), strict=False):
+        if isinstance(message, Odometry):
+            waiting.append([message, events_left])
+        else:
+            late.append(message)
+        while waiting and waiting[0][1] <= 0:
+            late.append(waiting.pop(0)[0])
+        for each in waiting:
+            each[1] -= 1
+    late += [m for m, _ in waiting]
+    now, arrived = 0, []
+    for message in late:
+        now = max(now, message.time)
+        arrived.append(message.sealed(now, 0) if isinstance(message, Odometry) else message)
+    a, b = make_ekf(), make_ekf()
+    deliver(a, messages)
+    deliver(b, arrived)
+    end = messages[-1].time
+    times = [*range(0, end + 400 * MS, 37 * MS), *(m.time for m in messages)]
+    assert_equal_answers(answers(a, times), answers(b, times))
+
+
+def test_odometry_of_another_clock_counts_from_its_arrival(make_ekf):
+    ekf, uptime = make_ekf(), 3600 * 1000 * MS
+    for k in range(20):
+        pose = np.array([0.02 * k, 0.0, 0.0])
+        ekf.on_odometry(Odometry(stamp=k * 100 * MS, pose=pose).sealed(uptime + k * 100 * MS, k))
+    np.testing.assert_allclose(ekf.prior(uptime + 1050 * MS).pose, [0.21, 0.0, 0.0], atol=1e-12)
+
+
 def matrix(pose):
     x, y, yaw = pose
     return np.array([[math.cos(yaw), -math.sin(yaw), x], [math.sin(yaw), math.cos(yaw), y], [0, 0, 1]])
@@ -155,18 +193,26 @@ def test_late_corrections_between_odometry_agree_with_a_plain_filter(make_ekf):
     pose, p = np.zeros(3), np.diag([0.01, 0.01, 0.01])
     queue = sorted([(t, None, m) for t, m in knots] + [(t, z, r) for t, z, r in fixes], key=lambda e: e[0])
     at, last = 0, knots[0][1]
+    off = np.zeros(2)  # sigma of where the last step began: how far an interpolated place may be off
     for time, z, what in queue:
+        begun = off
         if z is None:
-            odom = what
+            odom, off = what, np.zeros(2)
         else:
             i = time // (100 * MS)
-            step = logm(np.linalg.inv(knots[i][1]) @ knots[i + 1][1])
-            odom = knots[i][1] @ expm(np.real(step) * (time / (100 * MS) - i))
+            whole = np.linalg.inv(knots[i][1]) @ knots[i + 1][1]
+            share = time / (100 * MS) - i
+            odom = knots[i][1] @ expm(np.real(logm(whole)) * share)
+            change = np.minimum(
+                [1.5 * 0.1**2 / 4, 6.0 * 0.1**2 / 4], [math.hypot(*whole[:2, 2]), abs(vector(whole)[2])]
+            )
+            off = 2.0 * share * (1.0 - share) * change
         motion = np.linalg.inv(last) @ odom
         d, turn = math.hypot(*motion[:2, 2]), abs(vector(motion)[2])
         dt = (time - at) * 1e-9
         t = c.translation_per_metre**2 * d + c.translation_per_radian**2 * turn + c.floor[0] ** 2 * dt
         r = c.rotation_per_metre**2 * d + c.rotation_per_radian**2 * turn + c.floor[1] ** 2 * dt
+        t, r = (t, r) + off**2 + begun**2
         new = vector(matrix(pose) @ motion)
         jacobian = np.eye(3)
         jacobian[:2, 2] = [-(new - pose)[1], (new - pose)[0]]

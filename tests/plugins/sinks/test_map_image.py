@@ -157,3 +157,18 @@ def test_nothing_to_draw_is_said(tmp_path):
     ((level, text),) = run(tmp_path / "missing", [("m.grid", room())], size=200).reports
     assert level == "error"
     assert "map.png: cannot write" in text
+
+
+def test_a_long_path_keeps_its_ends_and_its_shape(tmp_path):
+    context = SimpleNamespace(out=tmp_path, config=MapImageConfig(), report=print)
+    sink = MapImage(context)
+    n = 30_000
+    for i in range(n):
+        where = np.array([3.0 * i / n, 1.0, 0.0])
+        sink.on_message("a.pose", Pose(stamp=i, role="estimate", pose=where, scan_id=i if i % 3 else -1))
+    kept = np.array(list(sink._path.values()))
+    assert len(kept) <= 8192
+    assert kept[0, 0] == 0.0
+    assert kept[-1, 0] == 3.0 * (n - 1) / n
+    assert (np.diff(kept[:, 0]) > 0).all()
+    assert np.diff(kept[:, 0]).max() < 0.01

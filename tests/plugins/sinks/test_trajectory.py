@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from knotwork.core.errors import KnotworkError
 from knotwork.core.messages import Pose, Trajectory
 from knotwork.plugins.sinks.trajectory import TrajectoryConfig
-from knotwork.plugins.sinks.trajectory.tum import line, seconds
+from knotwork.plugins.sinks.trajectory.tum import line, seconds, stamp_of
 from knotwork.plugins.sinks.trajectory.writer import TrajectoryWriter
 
 
@@ -46,6 +46,7 @@ def test_stamps_are_exact(stamp):
     text = seconds(stamp)
     assert Decimal(text) * 10**9 == stamp
     assert len(text.split(".")[1]) in (6, 9)
+    assert stamp_of(line(stamp, 1.0, 2.0, 3.0)) == stamp
 
 
 def test_stamps_have_the_digits_of_the_log():
@@ -131,6 +132,38 @@ def test_later_corrections_are_in_the_final_file_only(tmp_path):
     assert [row[1] for row in columns(tmp_path / "path.online.tum")] == [0, 1, 2, 3, 4]
     assert [row[1] for row in columns(tmp_path / "path.tum")] == [0, 1.5, 2.5, 3.5, 4]
     assert {p.name for p in tmp_path.iterdir()} == {"path.tum", "path.online.tum"}
+
+
+NUMBER, REVISION = st.integers(0, 12), st.integers(0, 3)
+ESTIMATE = st.tuples(st.just("pose"), NUMBER, REVISION)
+CORRECTION = st.tuples(st.just("trajectory"), st.lists(NUMBER, max_size=5, unique=True), REVISION)
+
+
+@given(st.lists(st.one_of(ESTIMATE, ESTIMATE, CORRECTION), max_size=40))
+def test_any_order_of_estimates_and_corrections(tmp_path_factory, story):
+    folder = tmp_path_factory.mktemp("paths")
+    sink = TrajectoryWriter(SinkContext(folder))
+    online, final = {}, {}  # scan -> what its line must say; scan -> (revision, what the corrected one must)
+    for x, (kind, what, revision) in enumerate(story):
+        if kind == "pose":
+            sink.on_message("a.pose", pose(what, [x, 0, 0], revision=revision))
+            online.setdefault(what, x)
+            scans = [what]
+        else:
+            poses = np.tile([float(x), 0.0, 0.0], (len(what), 1))
+            ids = np.array(what, np.int64)
+            message = Trajectory(stamp=0, scan_ids=ids, stamps=ids * 10**9, poses=poses, revision=revision)
+            sink.on_message("loop.trajectory", message)
+            scans = [scan for scan in what if scan in online]
+        for scan in scans:
+            if scan not in final or revision >= final[scan][0]:
+                final[scan] = revision, x
+    sink.close()
+    if online:
+        rows = columns(folder / "trajectory.online.tum")
+        assert [(row[0], row[1]) for row in rows] == list(online.items())
+        rows = columns(folder / "trajectory.tum")
+        assert [(row[0], row[1]) for row in rows] == [(scan, final[scan][1]) for scan in online]
 
 
 def test_a_second_localizer_gets_its_own_files(tmp_path):

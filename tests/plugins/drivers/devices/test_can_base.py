@@ -6,10 +6,12 @@ import can
 import pytest
 
 from knotwork.core.clock import epoch
+from knotwork.core.devices.errors import DeviceLost
 from knotwork.core.emulator.agilex_base import AgilexBase, AgilexSettings
 from knotwork.core.errors import DriverError
 from knotwork.core.geometry import relative
 from knotwork.core.messages import MotionControl
+from knotwork.core.protocols import agilex
 from knotwork.plugins.drivers.can_base import Config
 from knotwork.plugins.drivers.can_base.bus import CanBus
 
@@ -127,6 +129,33 @@ def test_the_kernels_own_bus_is_opened_by_its_name_and_nothing_else(monkeypatch)
     bus = CanBus(Config(channel="can1", bitrate=250_000))
     assert asked == {"interface": "socketcan", "channel": "can1"}
     assert bus._descriptor == 7
+
+
+def test_an_interface_that_python_can_does_not_know_is_said(rig):
+    with pytest.raises(DriverError, match="cannot open the CAN bus") as error:
+        rig("can-base", interface="pigeon", channel="x")
+    assert "ip link" not in error.value.hint
+
+
+def test_what_is_not_of_the_base_is_left_out_and_trouble_on_the_bus_counted():
+    channel = uuid.uuid4().hex
+    bus = CanBus(Config(interface="virtual", channel=channel))
+    with can.Bus(interface="virtual", channel=channel) as other:
+        identifier, data = agilex.encode("SystemState", battery=25.0, mode=1)
+        other.send(can.Message(is_error_frame=True, data=b"\0" * 8))
+        other.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=True))
+        other.send(can.Message(arbitration_id=identifier, is_remote_frame=True, is_extended_id=False))
+        other.send(can.Message(arbitration_id=0x7FF, data=b"?", is_extended_id=False))
+        other.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        frames = [bus.frame() for _ in range(6)]
+    assert [arrived for arrived, _ in frames] == [True] * 5 + [False]
+    assert [frame.name for _, frame in frames if frame is not None] == ["SystemState"]
+    assert bus.error_frames == 1
+    bus.close()
+    with pytest.raises(DeviceLost):
+        bus.send("MotionCommand", linear=0.1)
+    with pytest.raises(DeviceLost):
+        bus.frame()
 
 
 @pytest.mark.skipif(Path("/sys/class/net/can77").exists(), reason="there is a can77")

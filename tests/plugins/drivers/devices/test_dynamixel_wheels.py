@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 
 from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3
@@ -50,10 +51,15 @@ def test_a_motor_left_in_the_normal_drive_mode_still_rolls_forward(robot, base, 
     right = robot.board.motors[1]
     right._set(xl430.DRIVE_MODE, 0)
     probe = base(robot)
-    rig.drive(probe, 0.1)
-    probe.until(lambda: min(robot.robot.speeds) > 0.09)
-    probe.fresh("odometry", 5)
-    assert probe.last("odometry").twist[0] > 0.08
+    start = robot.pose()
+    drive = rig.drive(probe, 0.1)
+    probe.until(lambda: robot.path_length > 0.1)
+    assert min(robot.robot.speeds) >= 0.0
+    drive.__exit__()
+    probe.until(lambda: robot.robot.speeds == (0.0, 0.0))
+    odometry = probe.fresh("odometry", 5)
+    assert odometry.pose[0] > 0.1
+    np.testing.assert_allclose(odometry.pose, relative(start, robot.pose()), atol=0.003)
     assert any("drive mode" in line for line in probe.lines)
 
 
