@@ -10,7 +10,8 @@ from knotwork.core.depth.servo import servo_problem
 from knotwork.core.errors import InputError
 from knotwork.core.messages import F64, CameraTwist, Depths, ServoState
 from knotwork.plugins.policies.visual_servo import Config
-from knotwork.plugins.policies.visual_servo.solvers import Program, solver
+from knotwork.plugins.policies.visual_servo.program import Program
+from knotwork.plugins.policies.visual_servo.solvers import solver
 
 
 class VisualServo(Policy):
