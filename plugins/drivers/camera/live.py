@@ -18,7 +18,7 @@ _AGAIN = 1.0  # s between attempts to open a camera that has gone
 
 
 class LiveCamera(Driver):
-    """Pictures are stamped when they arrive."""
+    """Pictures are stamped by when they arrive, less the camera's latency."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -38,7 +38,9 @@ class LiveCamera(Driver):
             It cannot be opened.
         """
         if not self._connect():
-            raise DriverError("cannot open the camera", where=f"device {self.config.device}", hint="is it plugged in?")
+            raise DriverError(
+                "cannot open the camera", where=f"device {self.config.device}", hint="is it plugged in, or its address right?"
+            )
 
     def start(self) -> None:
         """Start taking pictures."""
@@ -66,7 +68,7 @@ class LiveCamera(Driver):
     def _run(self) -> None:
         while not self._stop.is_set():
             there, frame = self._capture.read()
-            stamp = clock.epoch()
+            stamp = clock.epoch() - round(self.config.latency * 1e9)
             if not there:
                 self.context.count("lost_camera")
                 self.context.report("warning", "the camera gives no pictures; trying to open it again")

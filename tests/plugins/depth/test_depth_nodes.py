@@ -96,6 +96,23 @@ def test_depths_follow_from_odometry_of_the_base_too(observer):
     node.on_features(features(4000, [0], [(0.1, 0.1)]))
 
 
+def test_a_frame_waits_for_odometry_but_not_for_ever(observer):
+    node = observer()
+    node.on_odometry(Odometry(stamp=0, pose=np.zeros(3)))
+    for k in range(3):
+        node.on_features(features(50 * k, [0], [(0.1, 0.1)]))
+    assert [message.stamp for _, message in node.context.emitted] == [0]
+    node.on_odometry(Odometry(stamp=60 * MS, pose=np.array((0.06, 0.0, 0.0))))
+    assert [message.stamp for _, message in node.context.emitted] == [0, 50 * MS]
+    np.testing.assert_allclose(node.v, (0.0, 0.0, 1.0), atol=1e-9)
+    for k in range(3, 10):
+        node.on_features(features(50 * k, [0], [(0.1, 0.1)]))
+    assert [message.stamp for _, message in node.context.emitted] == [0, 50 * MS]
+    assert node.context.counts["frames_without_motion"] == 3  # those of 100, 150 and 200 ms
+    node.on_odometry(Odometry(stamp=70 * MS, pose=np.full(3, np.nan)))
+    assert node.context.counts["bad_odometry"] == 1
+
+
 def test_ignored_features_and_impossible_guesses(observer):
     node = observer(ignore=(2,))
     node.on_features(features(0, [1, 2], [(0, 0), (0.1, 0)]))
