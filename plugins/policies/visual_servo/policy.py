@@ -27,7 +27,7 @@ class VisualServo(Policy):
                 raise InputError(f"{name}: expected 0 <= certain < uncertain, found {[low, high]}", where=context.name)
         if not all(math.isfinite(value) for point in config.goal.values() for value in point):
             raise InputError("goal: coordinates must be finite", where=context.name)
-        self.solve = solver(config.solver, context.name)
+        self.solve = solver(config.solver)
         self._constrained = config.mode in ("active", "active+")
         self._beta = config.excitation if config.mode == "active+" else -1.0
         self._released: dict[int, float] = {}

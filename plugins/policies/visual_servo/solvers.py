@@ -21,7 +21,7 @@ class Solver(Protocol):
         """Solve one program."""
 
 
-def solver(name: str, node: str) -> Solver:
+def solver(name: str) -> Solver:
     """Return a solver by name.
 
     Raises
@@ -37,9 +37,9 @@ def solver(name: str, node: str) -> Solver:
             return Clarabel()
         return TangentCuts(name)
     except ImportError as error:
-        raise InputError(f"solver {name!r}: {error}", where=f"node {node}", hint=hint) from error
+        raise InputError(f"solver {name!r}: {error}", hint=hint) from error
     except ValueError as error:
-        raise InputError(str(error), where=f"node {node}", hint=hint) from error
+        raise InputError(str(error), hint=hint) from error
 
 
 def compiled(program: Program) -> F64 | None:

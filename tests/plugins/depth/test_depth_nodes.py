@@ -216,6 +216,21 @@ def test_a_single_point_policy_stands_when_its_feature_is_gone(context):
     assert node.context.counts == {"no_features": 1, "silences": 1}
 
 
+def test_a_base_that_was_held_back_counts_the_way_by_odometry(context):
+    node = ActiveBase(context(active_base.Config(goal={0: (0.1, 0.0), 1: (0.0, 0.1)}, back=0.1, v_max=0.2, pause=0.0)))
+    points, x, told = np.array([(0.2, 0.0), (0.1, 0.2)]), 0.0, []
+    for k in range(60):
+        if k > 20:  # until then something holds it
+            x += 0.05 * min(0.0, told[-1])
+        node.on_odometry(Odometry(stamp=50 * k * MS, pose=np.array((x, 0.0, 0.0))))
+        node.on_depths(Depths(stamp=50 * k * MS, ids=np.arange(2), points=points, chi=np.ones(2), variance=np.ones(2)))
+        told.append(next(m.vx for port, m in reversed(node.context.emitted) if port == "twist"))
+        if node.context.emitted[-1][1].phase != 1:
+            break
+    assert k > 25
+    assert x == pytest.approx(-0.1, abs=0.011)
+
+
 def test_a_base_without_features_does_not_back_up(context):
     node = ActiveBase(context(active_base.Config(goal={0: (0.1, 0), 1: (0, 0.1)}, pause=0.0)))
     node.open()

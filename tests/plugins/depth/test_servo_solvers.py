@@ -46,7 +46,7 @@ def programs(rng):
 @pytest.mark.parametrize("name", ["clarabel", "osqp", "quadprog", "daqp", "piqp", "scs", "qpalm"])
 def test_solvers_agree_and_hold_every_bound(name):
     pytest.importorskip(name)
-    solve = solver(name, "servo")
+    solve = solver(name)
     for one in programs(np.random.default_rng(7)):
         exact, u = compiled(one), solve(one)
         assert u is not None
