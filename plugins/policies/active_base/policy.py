@@ -69,6 +69,7 @@ class ActiveBase(Policy):
         if not self._goal and len(message.ids) >= config.needed:
             points = message.points.tolist()
             self._goal = {name: (x, y) for name, (x, y) in zip(message.ids.tolist(), points, strict=True)}
+            self._pose[:], self._known = 0.0, True  # here; should its features be lost, the way leads back
             self.context.report("info", f"the goal is the view of this frame, {len(points)} features")
         chosen = [i for i, name in enumerate(message.ids.tolist()) if name in self._goal and usable[i]]
         ids = message.ids[chosen]

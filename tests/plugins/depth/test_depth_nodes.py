@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from knotwork.core import geometry
 from knotwork.core.errors import InputError
 from knotwork.core.messages import CameraPose, CameraTwist, Depths, Features, Odometry, Twist
 from knotwork.plugins.drivers import sim_camera
@@ -229,6 +230,25 @@ def test_a_base_that_was_held_back_counts_the_way_by_odometry(context):
             break
     assert k > 25
     assert x == pytest.approx(-0.1, abs=0.011)
+
+
+def test_a_base_that_loses_its_first_view_comes_back_by_odometry(context):
+    node = ActiveBase(context(active_base.Config(back=0.1, v_max=0.2, pause=0.0, swing=0.0, needed=3)))
+    pose, command, least, phase = (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 1
+    points = np.array([(0.2, 0.0), (0.1, 0.2), (-0.1, 0.1)])
+    for k in range(200):
+        pose = geometry.compose(pose, geometry.exp((0.05 * command[0], 0.0, 0.05 * command[1])))
+        least = min(least, pose[0])
+        node.on_odometry(Odometry(stamp=50 * k * MS, pose=np.array(pose)))
+        n = 3 if k == 0 else (2 if phase == 1 else 0)  # too few on the way back, then none
+        node.on_depths(
+            Depths(stamp=50 * k * MS, ids=np.arange(n), points=points[:n], chi=np.ones(n), variance=np.ones(n))
+        )
+        command = next((m.vx, m.wz) for port, m in reversed(node.context.emitted) if port == "twist")
+        phase = node.context.emitted[-1][1].phase
+    assert phase == 2
+    assert least == pytest.approx(-0.1, abs=0.011)
+    assert math.hypot(pose[0], pose[1]) < 0.01
 
 
 def test_a_base_without_features_does_not_back_up(context):
