@@ -14,9 +14,7 @@ _SHOWN = ("passive", "active", "active+", "ekf")
 Runs = dict[int, dict[str, list[dict[str, Any]]]]
 
 
-def draw(
-    out: Path, setting: str, disturbance: str, seed: int, runs: Runs, summary: dict[str, dict[str, Any]]
-) -> None:
+def draw(out: Path, setting: str, disturbance: str, seed: int, runs: Runs, summary: dict[str, dict[str, Any]]) -> None:
     """Write all figures."""
     _success(out, setting, runs, summary)
     n = 6 if 6 in runs else next(iter(runs))
@@ -28,7 +26,8 @@ def draw(
     )
     index = next(telling, 0)
     scene = scenario(SETTINGS[setting], n, seed, index)
-    shown = {mode: trace(scene, mode, SETTINGS[setting].gain, disturbance, error_seed(seed, index)) for mode in ("ideal", *_SHOWN)}
+    gain, errors = SETTINGS[setting].gain, error_seed(seed, index)
+    shown = {mode: trace(scene, mode, gain, disturbance, errors) for mode in ("ideal", *_SHOWN)}
     _over_time(out, n, index, shown)
     _in_space(out, scene, shown)
 

@@ -44,9 +44,8 @@ class LiveCamera(Driver):
             It cannot be opened.
         """
         if not self._connect():
-            raise DriverError(
-                "cannot open the camera", where=f"device {self.config.device}", hint="is it plugged in, or its address right?"
-            )
+            hint = "is it plugged in, or its address right?"
+            raise DriverError("cannot open the camera", where=f"device {self.config.device}", hint=hint)
 
     def start(self) -> None:
         """Start taking pictures."""
