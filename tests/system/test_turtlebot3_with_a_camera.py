@@ -14,7 +14,7 @@ import rendered_scene
 
 from knotwork.core.emulator.turtlebot3 import Settings, TurtleBot3
 
-PATIENCE = 150.0  # s; a loaded machine compiles for long
+PATIENCE = 300.0  # s; a loaded machine compiles for more than a minute
 BACK = 0.1  # m
 
 
