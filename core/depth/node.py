@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 from knotwork.core import geometry
 from knotwork.core.camera import rigid_step
 from knotwork.core.contracts import Context, Observer
+from knotwork.core.depth.base_path import BasePath
 from knotwork.core.depth.config import DepthObserverConfig
 from knotwork.core.depth.observer import CHI_MAX, CHI_MIN, convergence_conditions
 from knotwork.core.depth.tracks import Tracks, usable
 from knotwork.core.messages import F64, CameraTwist, Depths, Features, Odometry
+
+_PATIENCE = 200_000_000  # ns; a frame that waits longer for odometry is dropped
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +32,8 @@ class Estimate:
 class DepthObserver(Observer):
     """Base of the depth observers; a subclass gives `start_rows`, `advance` and `estimate`.
 
-    The motion over a frame is the last `twist` (a command held, as simulators give it), or the relative
-    pose of two odometry messages carried over to the camera.
+    The motion over a frame is the last `twist` (a command held, as simulators give it), or that of the base between
+    the stamps of two frames, from odometry with stamps of its own, carried over to the camera.
     """
 
     def __init__(self, context: Context, **shapes: tuple[int, ...]) -> None:
@@ -41,8 +45,8 @@ class DepthObserver(Observer):
         self.v = np.zeros(3)
         self.w = np.zeros(3)
         self._stamp: int | None = None
-        self._pose: list[float] | None = None
-        self._last_pose: list[float] | None = None
+        self._path = BasePath()
+        self._waiting: deque[Features] = deque()  # for odometry that is as late
 
     @abstractmethod
     def start_rows(self, rows: NDArray[np.intp], points: F64, guess: F64) -> None:
@@ -64,14 +68,24 @@ class DepthObserver(Observer):
         self.v, self.w = np.array(message.v), np.array(message.w)
 
     def on_odometry(self, message: Odometry) -> None:
-        """Take the pose of the base."""
-        if message.discontinuity or not np.isfinite(message.pose).all():
-            self._last_pose = self._pose = None
+        """Take a pose of the base."""
+        if not np.isfinite(message.pose).all():
+            self.context.count("bad_odometry")
             return
-        self._pose = message.pose.tolist()
+        self._path.add(message)
+        while self._waiting and self._path.covers(self._waiting[0].stamp):
+            self._frame(self._waiting.popleft())
 
     def on_features(self, message: Features) -> None:
-        """Advance by one frame and give the depths of what is in view."""
+        """Advance by one frame and give the depths of what is in view, as soon as odometry has come as far."""
+        self._waiting.append(message)
+        while self._waiting and self._path.covers(self._waiting[0].stamp):
+            self._frame(self._waiting.popleft())
+        while self._waiting and message.stamp - self._waiting[0].stamp > _PATIENCE:
+            self._waiting.popleft()
+            self.context.count("frames_without_motion")
+
+    def _frame(self, message: Features) -> None:
         ids, points = self._clean(message)
         step = 0.0 if self._stamp is None else (message.stamp - self._stamp) * 1e-9
         if step < 0.0:
@@ -80,8 +94,8 @@ class DepthObserver(Observer):
         if step > self.settings.gap:
             self.context.count("gaps")
             self.tracks.clear()
+        self._motion(message.stamp if self._stamp is None else self._stamp, message.stamp)
         self._stamp = message.stamp
-        self._motion(step)
         sigma2, conditions = np.empty(ids.size), np.empty((ids.size, 3), dtype=np.bool_)
         convergence_conditions(points, self.v, self.w, self.settings.excitation, sigma2, conditions)
         rows, seen, fresh = self.tracks.match(ids, step)
@@ -125,14 +139,14 @@ class DepthObserver(Observer):
         self.context.count("skipped_features", int((~good).sum()))
         return ids[good], points[good]
 
-    def _motion(self, step: float) -> None:
-        if self._pose is not None:
-            if self._last_pose is not None and step > 0.0:
-                forward, left, turn = geometry.log(geometry.relative(self._last_pose, self._pose))
-                offset = self.settings.offset
-                self.v = np.array((-(left + offset * turn), 0.0, forward)) / step
-                self.w = np.array((0.0, -turn, 0.0)) / step
-            self._last_pose = self._pose
+    def _motion(self, before: int, stamp: int) -> None:
+        step = (stamp - before) * 1e-9
+        start, end = self._path.at(before), self._path.at(stamp)
+        if start is not None and end is not None and step > 0.0:
+            forward, left, turn = geometry.log(geometry.relative(start, end))
+            offset = self.settings.offset
+            self.v = np.array((-(left + offset * turn), 0.0, forward)) / step
+            self.w = np.array((0.0, -turn, 0.0)) / step
         rigid_step(self.v, self.w, step, self.rotation, self.shift)
 
     def _guesses(self, ids: NDArray[np.int64]) -> F64:

@@ -8,7 +8,7 @@ import numpy as np
 
 from knotwork.core.contracts import Driver, Node, Observer, Sink
 from knotwork.core.contracts import Policy as PolicyBase
-from knotwork.core.messages import Message, Pose, Twist
+from knotwork.core.messages import Message, Odometry, Pose, Twist
 
 STEP = 100_000_000  # ns
 
@@ -21,6 +21,13 @@ class Log(Driver):
     def events(self) -> Iterator[tuple[str, Message] | int]:
         for i, stamp in enumerate(self.context.config.stamps):
             yield "out", twist(stamp, float(i))
+
+
+class Odometer(Driver):
+    def events(self) -> Iterator[tuple[str, Message] | int]:
+        config = self.context.config
+        for k, pose in enumerate(config.poses):
+            yield "out", Odometry(stamp=round(k * 1e9 / config.rate), pose=np.array(pose))
 
 
 class Sim(Driver):

@@ -9,6 +9,11 @@ class Stamps(PluginConfig):
     stamps: tuple[int, ...] = Field((), description="stamps to give [ns]")
 
 
+class Way(PluginConfig):
+    poses: tuple[tuple[float, float, float], ...] = Field((), description="x, y, yaw, one for each frame")
+    rate: float = Field(20.0, description="frames a second")
+
+
 class Text(PluginConfig):
     text: str = Field("", description="what to fail with")
 
@@ -21,6 +26,7 @@ def knotwork_manifests() -> list[Manifest]:
     twist, pose = Port("twist"), Port("pose", role="estimate")
     return [
         Manifest("toy-log", "driver", "gives twists", "toy_impl:Log", Stamps, outputs={"out": twist}),
+        Manifest("toy-way", "driver", "gives odometry", "toy_impl:Odometer", Way, outputs={"out": Port("odometry")}),
         Manifest(
             "toy-sim", "driver", "a world that integrates its commands", "toy_impl:Sim",
             inputs={"twist": Port("twist", optional=True)}, outputs={"truth": Port("pose", role="truth")},

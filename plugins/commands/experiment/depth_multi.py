@@ -50,14 +50,14 @@ class DepthMulti:
         }
         for part in parts:
             runs[part.n][part.mode].extend(results[part])
-        summary = {arguments.setting: {str(n): summarise(modes) for n, modes in runs.items()}}
+        summary = {chosen: {str(n): summarise(modes) for n, modes in runs.items()}}
         write_json(out / "results.json", summary)
         write_json(out / "passive-only.json", {str(n): passive_only(modes) for n, modes in runs.items()})
         if not arguments.no_figures:
             from knotwork.plugins.commands.experiment import multi_figures
 
-            multi_figures.draw(out, arguments.setting, arguments.seed, runs, summary[arguments.setting])
-        sys.stdout.write(json.dumps(summary, indent=1) + "\n" if arguments.json else _table(summary[arguments.setting]))
+            multi_figures.draw(out, chosen, wrong, seed, runs, summary[chosen])
+        sys.stdout.write(json.dumps(summary, indent=1) + "\n" if arguments.json else _table(summary[chosen]))
         return 0
 
 

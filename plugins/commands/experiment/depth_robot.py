@@ -13,6 +13,7 @@ from knotwork.core.world.seeding import generator
 from knotwork.plugins.commands.experiment import figures
 from knotwork.plugins.commands.experiment.base_batch import run_base
 from knotwork.plugins.commands.experiment.parts import Part, run_parts, write_json
+from knotwork.plugins.commands.experiment.scenarios import error_seed
 from knotwork.plugins.commands.experiment.scoring import median, wilson
 
 STEP, STEPS = 0.05, 400  # s; 20 s
@@ -83,7 +84,7 @@ def seen_from(points: F64, pose: F64) -> F64:
 def trace(n: int, seed: int, index: int) -> tuple[float, F64, F64, F64]:
     """Run one scenario; return metres backed up, image errors, depth errors and base poses of each frame."""
     points, goal, guess = scene(n, seed, index)
-    noise = NOISE * generator(1000003 * seed + index, "image").normal(size=(STEPS + 1, n, 2))
+    noise = NOISE * generator(error_seed(seed, index), "image").normal(size=(STEPS + 1, n, 2))
     errors, depth_errors, poses = np.empty(STEPS + 1), np.full(STEPS + 1, np.inf), np.zeros((STEPS + 1, 3))
     way = run_base(
         points, goal, guess, np.array((NOISE, 3.0, 1e-4, 0.0)), OFFSET, np.array((V_MAX, W_MAX)), BACK, PAUSE,

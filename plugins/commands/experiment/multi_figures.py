@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from knotwork.plugins.commands.experiment import figures
-from knotwork.plugins.commands.experiment.scenarios import SETTINGS, Scenario, scenario
+from knotwork.plugins.commands.experiment.scenarios import SETTINGS, Scenario, error_seed, scenario
 from knotwork.plugins.commands.experiment.servo_runs import STEP, Trace, trace
 
 _SHOWN = ("passive", "active", "active+", "ekf")
@@ -14,7 +14,7 @@ _SHOWN = ("passive", "active", "active+", "ekf")
 Runs = dict[int, dict[str, list[dict[str, Any]]]]
 
 
-def draw(out: Path, setting: str, seed: int, runs: Runs, summary: dict[str, dict[str, Any]]) -> None:
+def draw(out: Path, setting: str, disturbance: str, seed: int, runs: Runs, summary: dict[str, dict[str, Any]]) -> None:
     """Write all figures."""
     _success(out, setting, runs, summary)
     n = 6 if 6 in runs else next(iter(runs))
@@ -26,7 +26,8 @@ def draw(out: Path, setting: str, seed: int, runs: Runs, summary: dict[str, dict
     )
     index = next(telling, 0)
     scene = scenario(SETTINGS[setting], n, seed, index)
-    shown = {mode: trace(scene, mode, SETTINGS[setting].gain, "none", index) for mode in ("ideal", *_SHOWN)}
+    gain, errors = SETTINGS[setting].gain, error_seed(seed, index)
+    shown = {mode: trace(scene, mode, gain, disturbance, errors) for mode in ("ideal", *_SHOWN)}
     _over_time(out, n, index, shown)
     _in_space(out, scene, shown)
 
@@ -53,6 +54,8 @@ def _success(out: Path, setting: str, runs: Runs, summary: dict[str, dict[str, A
     axes[0].set_ylim(0.0, 1.08)
     axes[0].legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=len(modes))
     axes[1].set_yscale("log")
+    for axis in axes[1:]:
+        axis.set_xticks(list(runs))
     figures.label(axes[0], "points", "success, 95 % interval", f"setting {setting}")
     figures.label(axes[1], "points", "median sum of depth errors [m]", "where passive succeeds")
     figures.label(axes[2], "points", "median extra time over known depth [s]")
@@ -67,7 +70,7 @@ def _over_time(out: Path, n: int, index: int, shown: dict[str, Trace]) -> None:
         look = {"color": colour, "linestyle": figures.STYLES.get(mode, "-"), "label": mode}
         axes[0].semilogy(time, run.errors, **look)
         if mode != "ideal":
-            axes[1].semilogy(time, np.abs(run.chi_error).max(axis=1).clip(1e-6), **look)
+            axes[1].semilogy(time, np.abs(run.chi_error).max(axis=1).clip(1e-12), **look)
             axes[2].plot(time, run.phases, **look)
     axes[0].axhline(0.01, color="0.6", linewidth=0.8)
     axes[0].legend(fontsize="small")
@@ -93,7 +96,8 @@ def _in_space(out: Path, scene: Scenario, shown: dict[str, Trace]) -> None:
     axes[1].remove()
     space = figure.add_subplot(1, 2, 2, projection="3d")
     for mode, run in shown.items():
-        space.plot(run.path[:, 0], run.path[:, 2], -run.path[:, 1], color=figures.COLOURS[mode], label=mode)
+        look = {"color": figures.COLOURS[mode], "linestyle": figures.STYLES.get(mode, "-"), "label": mode}
+        space.plot(run.path[:, 0], run.path[:, 2], -run.path[:, 1], **look)
     space.scatter(scene.points[:, 0], scene.points[:, 2], -scene.points[:, 1], color="k", s=12, label="points")
     space.set_xlabel("right [m]")
     space.set_ylabel("forward [m]")

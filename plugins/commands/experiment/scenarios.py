@@ -68,6 +68,11 @@ def scenario(setting: Setting, n: int, seed: int, index: int) -> Scenario:
     return Scenario(points, goal, guess)
 
 
+def error_seed(seed: int, index: int) -> int:
+    """Return the seed of the noise and the losses of scenario `index`: the same for every mode."""
+    return 1000003 * seed + index
+
+
 def _points(n: int, rng: np.random.Generator) -> F64:
     """Four points are the corners of a square 1.5 m ahead; more are scattered about the axis, 1 to 2 m ahead."""
     if n == 4:

@@ -9,7 +9,7 @@ from knotwork.core.depth.observer import CHI_MAX, CHI_MIN
 from knotwork.core.messages import F64
 from knotwork.core.world.seeding import generator
 from knotwork.plugins.commands.experiment.parts import Part
-from knotwork.plugins.commands.experiment.scenarios import SETTINGS, Scenario, scenario
+from knotwork.plugins.commands.experiment.scenarios import SETTINGS, Scenario, error_seed, scenario
 from knotwork.plugins.commands.experiment.servo_batch import EKF, FIXED_GAIN, KNOWN, run_servo
 
 STEP, STEPS = 0.05, 300  # s; 15 s
@@ -142,6 +142,6 @@ def block(part: Part) -> list[dict[str, Any]]:
     out = []
     for index in range(part.first, part.first + part.count):
         scene = scenario(setting, part.n, part.seed, index)
-        run = trace(scene, part.mode, setting.gain, part.disturbance, 1000003 * part.seed + index)
+        run = trace(scene, part.mode, setting.gain, part.disturbance, error_seed(part.seed, index))
         out.append(judge(scene, run))
     return out

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from knotwork.core.manifest import Manifest, PluginConfig, Port, quantity
 
@@ -33,9 +33,26 @@ class Config(Tracking):
 class LiveConfig(Tracking):
     """Pictures from a device."""
 
-    device: int = Field(0, ge=0, description="number of the camera")
+    device: int | str = Field(
+        0, description="number of the camera, or its path (/dev/v4l/by-id/...) or the address of a network camera"
+    )
+    latency: float = quantity(
+        0.0, "s", "from the exposure of a picture to its arrival: stamps are earlier by that", ge=0, le=2
+    )
     size: tuple[int, int] | None = quantity(None, "px", "width and height to ask the camera for; none: its own")
     rate: float | None = quantity(None, "Hz", "frames a second to ask the camera for; none: its own", gt=0)
+
+    @field_validator("device")
+    @classmethod
+    def _number_or_name(cls, value: int | str) -> int | str:
+        number = int(value) if isinstance(value, int) or value.isdecimal() else None
+        if number is None:
+            if not value:
+                raise ValueError("expected a number, a path or an address")
+            return value
+        if number < 0:
+            raise ValueError("the number of a camera is 0 or more")
+        return number
 
 
 _OUTPUTS = {"features": Port("features", summary="tracked points, undistorted and normalised, with stable ids")}

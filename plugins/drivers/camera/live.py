@@ -1,7 +1,7 @@
 """A connected camera as a pushing driver; it comes back by itself after it was unplugged."""
 
+from threading import Condition, Thread
 from threading import Event as Flag
-from threading import Thread
 from typing import Any
 
 import cv2
@@ -12,13 +12,13 @@ from knotwork.core.errors import DriverError
 from knotwork.core.messages import Features
 from knotwork.plugins.drivers.camera import LiveConfig
 from knotwork.plugins.drivers.camera.calibration import read_calibration
-from knotwork.plugins.drivers.camera.tracker import Tracker
+from knotwork.plugins.drivers.camera.tracker import Picture, Tracker
 
 _AGAIN = 1.0  # s between attempts to open a camera that has gone
 
 
 class LiveCamera(Driver):
-    """Pictures are stamped when they arrive."""
+    """Pictures are stamped by when they arrive, less the camera's latency."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -27,7 +27,13 @@ class LiveCamera(Driver):
         self._tracker = Tracker(self.config)
         self._capture: Any = None
         self._stop = Flag()
-        self._thread = Thread(target=self._run, name=f"{context.name} camera", daemon=True)
+        self._newest: tuple[int, Picture] | None = None
+        self._fresh = Condition()
+        # Pictures wait in the camera's queue and grow old there while one is tracked, unless somebody takes them out.
+        self._threads = [
+            Thread(target=work, name=f"{context.name} {name}", daemon=True)
+            for name, work in (("camera", self._take), ("tracker", self._track))
+        ]
 
     def open(self) -> None:
         """Open the device.
@@ -38,16 +44,21 @@ class LiveCamera(Driver):
             It cannot be opened.
         """
         if not self._connect():
-            raise DriverError("cannot open the camera", where=f"device {self.config.device}", hint="is it plugged in?")
+            hint = "is it plugged in, or its address right?"
+            raise DriverError("cannot open the camera", where=f"device {self.config.device}", hint=hint)
 
     def start(self) -> None:
         """Start taking pictures."""
-        self._thread.start()
+        for thread in self._threads:
+            thread.start()
 
     def stop(self) -> None:
         """Stop taking pictures."""
         self._stop.set()
-        self._thread.join(timeout=2.0)
+        with self._fresh:
+            self._fresh.notify()
+        for thread in self._threads:
+            thread.join(timeout=2.0)
 
     def close(self) -> None:
         """Release the device."""
@@ -63,10 +74,10 @@ class LiveCamera(Driver):
             self._capture.set(cv2.CAP_PROP_FPS, self.config.rate)
         return bool(self._capture.isOpened())
 
-    def _run(self) -> None:
+    def _take(self) -> None:
         while not self._stop.is_set():
             there, frame = self._capture.read()
-            stamp = clock.epoch()
+            stamp = clock.epoch() - round(self.config.latency * 1e9)
             if not there:
                 self.context.count("lost_camera")
                 self.context.report("warning", "the camera gives no pictures; trying to open it again")
@@ -75,6 +86,20 @@ class LiveCamera(Driver):
                     pass
                 continue
             grey: Any = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-            ids, pixels = self._tracker.follow(grey)
+            with self._fresh:
+                if self._newest is not None:
+                    self.context.count("skipped_pictures")
+                self._newest = stamp, grey
+                self._fresh.notify()
+
+    def _track(self) -> None:
+        while not self._stop.is_set():
+            with self._fresh:
+                self._fresh.wait_for(lambda: self._newest is not None or self._stop.is_set())
+                newest, self._newest = self._newest, None
+            if newest is None:
+                return
+            stamp, picture = newest
+            ids, pixels = self._tracker.follow(picture)
             points = self.calibration.normalised(pixels)
             self.context.emit("features", Features(stamp=stamp, ids=ids, points=points))

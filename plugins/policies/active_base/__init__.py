@@ -42,7 +42,10 @@ MANIFEST = Manifest(
     summary="drives a wheeled base so that its camera's depths converge, then to a goal view",
     impl="knotwork.plugins.policies.active_base.policy:ActiveBase",
     config=Config,
-    inputs={"depths": Port("depths", role="estimate", summary="with variances; a command goes out for each")},
+    inputs={
+        "depths": Port("depths", role="estimate", summary="with variances; a command goes out for each"),
+        "odometry": Port("odometry", optional=True, summary="how far it really went; none: as commanded"),
+    },
     outputs={
         "twist": Port("twist", summary="the command"),
         "state": Port("servo_state", summary="phase 1: backing up, 2: driving to the goal, 3: there"),

@@ -4,17 +4,19 @@ import math
 
 import numpy as np
 
+from knotwork.core import geometry
 from knotwork.core.contracts import Context, Policy
 from knotwork.core.depth.base import backing_up, drive_to, goal_pose, move_goal, swing_rate
 from knotwork.core.errors import InputError
-from knotwork.core.messages import F64, Depths, ServoState, Twist
+from knotwork.core.geometry import Pose2
+from knotwork.core.messages import F64, Depths, Odometry, ServoState, Twist
 from knotwork.plugins.policies.active_base import Config
 
 BACKING, DRIVING, THERE = 1, 2, 3
 
 
 class ActiveBase(Policy):
-    """One command for each frame of depths; without enough features it goes on by its own commands."""
+    """One command for each frame of depths; without enough features it goes on by odometry or its own commands."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -30,6 +32,8 @@ class ActiveBase(Policy):
         self._begun = 0.0
         self._stopped = -1.0
         self._last: int | None = None
+        self._odometry: Pose2 | None = None
+        self._before: Pose2 | None = None  # at the last frame
 
     def warm(self) -> None:
         """Compile the kernels."""
@@ -44,18 +48,28 @@ class ActiveBase(Policy):
         """Watch for silence."""
         self.context.every(self.config.timeout, self._watch)
 
+    def on_odometry(self, message: Odometry) -> None:
+        """Take a pose of the base: what it has really driven, also when something stopped it."""
+        if message.discontinuity or not np.isfinite(message.pose).all():
+            self._odometry = self._before = None
+            return
+        x, y, yaw = message.pose.tolist()
+        self._odometry = (x, y, yaw)
+
     def on_depths(self, message: Depths) -> None:
         """Answer a frame of depths."""
         config = self.config
         step = 0.0 if self._last is None else max(0.0, (message.stamp - self._last) * 1e-9)
         self._last = message.stamp
-        v, w = self._command.tolist()
+        v, w = self._moved(step)
         move_goal(self._pose, v, w, step)
-        self._way += max(0.0, -v) * step if self._phase == BACKING else 0.0
+        if self._phase == BACKING and self._command[0] < 0.0:
+            self._way += max(0.0, -v) * step
         usable = np.isfinite(message.chi) & (message.chi > 0.0)
         if not self._goal and len(message.ids) >= config.needed:
             points = message.points.tolist()
             self._goal = {name: (x, y) for name, (x, y) in zip(message.ids.tolist(), points, strict=True)}
+            self._pose[:], self._known = 0.0, True  # here; should its features be lost, the way leads back
             self.context.report("info", f"the goal is the view of this frame, {len(points)} features")
         chosen = [i for i, name in enumerate(message.ids.tolist()) if name in self._goal and usable[i]]
         ids = message.ids[chosen]
@@ -76,6 +90,16 @@ class ActiveBase(Policy):
             exciting=bool(self._phase == BACKING and self._command.any()),
         )  # fmt: skip
         self.context.emit("state", state)
+
+    def _moved(self, step: float) -> tuple[float, float]:
+        """Return the velocities (v, w) [m/s, rad/s] since the last frame: by odometry, or as commanded without it."""
+        v, w = self._command.tolist()
+        if self._odometry is not None:
+            if self._before is not None and step > 0.0:
+                forward, _, turn = geometry.log(geometry.relative(self._before, self._odometry))
+                v, w = forward / step, turn / step
+            self._before = self._odometry
+        return v, w
 
     def _back_up(self, step: float, any_seen: bool, certain: bool) -> None:
         config = self.config

@@ -32,8 +32,8 @@ class Config(PluginConfig):
     )
     solver: str = Field(
         "clarabel",
-        description="clarabel (second-order cones), compiled (built in, as exact), or a solver of qpsolvers "
-        "with tangent cuts (osqp, quadprog ...)",
+        description="clarabel (second-order cones), compiled (built in, as exact), or with tangent planes a solver of "
+        "qpsolvers: osqp, daqp, piqp, quadprog, scs, qpalm",
     )
     timeout: float = quantity(0.5, "s", "without depths for so long, the camera stops", gt=0)
 

@@ -10,7 +10,8 @@ from knotwork.core.depth.servo import servo_problem
 from knotwork.core.errors import InputError
 from knotwork.core.messages import F64, CameraTwist, Depths, ServoState
 from knotwork.plugins.policies.visual_servo import Config
-from knotwork.plugins.policies.visual_servo.solvers import Program, solver
+from knotwork.plugins.policies.visual_servo.program import Program
+from knotwork.plugins.policies.visual_servo.solvers import solver
 
 
 class VisualServo(Policy):
@@ -26,7 +27,7 @@ class VisualServo(Policy):
                 raise InputError(f"{name}: expected 0 <= certain < uncertain, found {[low, high]}", where=context.name)
         if not all(math.isfinite(value) for point in config.goal.values() for value in point):
             raise InputError("goal: coordinates must be finite", where=context.name)
-        self.solve = solver(config.solver, context.name)
+        self.solve = solver(config.solver)
         self._constrained = config.mode in ("active", "active+")
         self._beta = config.excitation if config.mode == "active+" else -1.0
         self._released: dict[int, float] = {}

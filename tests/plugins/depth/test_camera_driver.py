@@ -1,5 +1,6 @@
 import itertools
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -128,7 +129,7 @@ def test_sources_that_are_not_there(context, folder):
 
 
 def test_a_live_camera_pushes_and_comes_back_after_it_was_unplugged(context, folder, texture, monkeypatch):
-    opened = []
+    opened, tracked = [], threading.Semaphore(1)
 
     class Device:
         """Gives five pictures, then is unplugged; the second time it is not there."""
@@ -144,7 +145,10 @@ def test_a_live_camera_pushes_and_comes_back_after_it_was_unplugged(context, fol
             pass
 
         def read(self):
+            tracked.acquire(timeout=5)  # gives the next picture when the last one was tracked
             self.k += 1
+            if self.k > 5:
+                tracked.release()
             return self.k <= 5, picture(texture, self.k)
 
         def release(self):
@@ -159,6 +163,7 @@ def test_a_live_camera_pushes_and_comes_back_after_it_was_unplugged(context, fol
 
     def take(port, message):
         emit(port, message)
+        tracked.release()
         if len(node.context.emitted) == 10:
             got.set()
 
@@ -171,6 +176,56 @@ def test_a_live_camera_pushes_and_comes_back_after_it_was_unplugged(context, fol
     assert stamps == sorted(stamps)
     assert opened[:3] == [3, 3, 3]
     assert node.context.counts["lost_camera"] >= 1
+
+
+def test_a_slow_tracker_gets_the_newest_picture(context, folder, texture, monkeypatch):
+    shown, slow, done = threading.Semaphore(1), threading.Event(), threading.Event()
+
+    class Device:
+        def __init__(self, address):
+            self.k = 0
+
+        def isOpened(self):
+            return True
+
+        def read(self):
+            shown.acquire()
+            self.k += 1
+            return True, np.full((240, 320), self.k, dtype=np.uint8)
+
+        def release(self):
+            pass
+
+    class SlowTracker:
+        seen = []
+
+        def follow(self, grey):
+            self.seen.append(int(grey[0, 0]))
+            slow.set()
+            done.wait(20)
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+
+    monkeypatch.setattr(live_module.cv2, "VideoCapture", Device)
+    node = LiveCamera(context(LiveConfig(calibration=folder / "camera.yaml", device="rtsp://there")))
+    node._tracker = SlowTracker()
+    node.open()
+    node.start()
+    assert slow.wait(20)  # picture 1 is being tracked
+    for _ in range(4):
+        shown.release()
+    while node.context.counts.get("skipped_pictures", 0) < 3:
+        time.sleep(0.01)
+    done.set()
+    while len(SlowTracker.seen) < 2:
+        time.sleep(0.01)
+    shown.release()
+    node.stop()
+    assert SlowTracker.seen[:2] == [1, 5]
+
+
+@pytest.mark.parametrize(("device", "found"), [("0", 0), (2, 2), ("/dev/v4l/by-id/x", "/dev/v4l/by-id/x")])
+def test_a_device_is_a_number_or_a_name(folder, device, found):
+    assert LiveConfig(calibration=folder / "camera.yaml", device=device).device == found
 
 
 def test_a_live_camera_that_is_not_there(context, folder, monkeypatch):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from knotwork.core import geometry
 from knotwork.core.errors import InputError
 from knotwork.core.messages import CameraPose, CameraTwist, Depths, Features, Odometry, Twist
 from knotwork.plugins.drivers import sim_camera
@@ -94,6 +95,23 @@ def test_depths_follow_from_odometry_of_the_base_too(observer):
     assert wrong.max() < (0.02 if isinstance(node, DepthEkf) else 0.3)
     node.on_odometry(Odometry(stamp=0, pose=np.zeros(3), discontinuity=True))
     node.on_features(features(4000, [0], [(0.1, 0.1)]))
+
+
+def test_a_frame_waits_for_odometry_but_not_for_ever(observer):
+    node = observer()
+    node.on_odometry(Odometry(stamp=0, pose=np.zeros(3)))
+    for k in range(3):
+        node.on_features(features(50 * k, [0], [(0.1, 0.1)]))
+    assert [message.stamp for _, message in node.context.emitted] == [0]
+    node.on_odometry(Odometry(stamp=60 * MS, pose=np.array((0.06, 0.0, 0.0))))
+    assert [message.stamp for _, message in node.context.emitted] == [0, 50 * MS]
+    np.testing.assert_allclose(node.v, (0.0, 0.0, 1.0), atol=1e-9)
+    for k in range(3, 10):
+        node.on_features(features(50 * k, [0], [(0.1, 0.1)]))
+    assert [message.stamp for _, message in node.context.emitted] == [0, 50 * MS]
+    assert node.context.counts["frames_without_motion"] == 3  # those of 100, 150 and 200 ms
+    node.on_odometry(Odometry(stamp=70 * MS, pose=np.full(3, np.nan)))
+    assert node.context.counts["bad_odometry"] == 1
 
 
 def test_ignored_features_and_impossible_guesses(observer):
@@ -197,6 +215,40 @@ def test_a_single_point_policy_stands_when_its_feature_is_gone(context):
     node.context.timer(900 * MS)
     assert not twists(node)[-1].v.any()
     assert node.context.counts == {"no_features": 1, "silences": 1}
+
+
+def test_a_base_that_was_held_back_counts_the_way_by_odometry(context):
+    node = ActiveBase(context(active_base.Config(goal={0: (0.1, 0.0), 1: (0.0, 0.1)}, back=0.1, v_max=0.2, pause=0.0)))
+    points, x, told = np.array([(0.2, 0.0), (0.1, 0.2)]), 0.0, []
+    for k in range(60):
+        if k > 20:  # until then something holds it
+            x += 0.05 * min(0.0, told[-1])
+        node.on_odometry(Odometry(stamp=50 * k * MS, pose=np.array((x, 0.0, 0.0))))
+        node.on_depths(Depths(stamp=50 * k * MS, ids=np.arange(2), points=points, chi=np.ones(2), variance=np.ones(2)))
+        told.append(next(m.vx for port, m in reversed(node.context.emitted) if port == "twist"))
+        if node.context.emitted[-1][1].phase != 1:
+            break
+    assert k > 25
+    assert x == pytest.approx(-0.1, abs=0.011)
+
+
+def test_a_base_that_loses_its_first_view_comes_back_by_odometry(context):
+    node = ActiveBase(context(active_base.Config(back=0.1, v_max=0.2, pause=0.0, swing=0.0, needed=3)))
+    pose, command, least, phase = (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 1
+    points = np.array([(0.2, 0.0), (0.1, 0.2), (-0.1, 0.1)])
+    for k in range(200):
+        pose = geometry.compose(pose, geometry.exp((0.05 * command[0], 0.0, 0.05 * command[1])))
+        least = min(least, pose[0])
+        node.on_odometry(Odometry(stamp=50 * k * MS, pose=np.array(pose)))
+        n = 3 if k == 0 else (2 if phase == 1 else 0)  # too few on the way back, then none
+        node.on_depths(
+            Depths(stamp=50 * k * MS, ids=np.arange(n), points=points[:n], chi=np.ones(n), variance=np.ones(n))
+        )
+        command = next((m.vx, m.wz) for port, m in reversed(node.context.emitted) if port == "twist")
+        phase = node.context.emitted[-1][1].phase
+    assert phase == 2
+    assert least == pytest.approx(-0.1, abs=0.011)
+    assert math.hypot(pose[0], pose[1]) < 0.01
 
 
 def test_a_base_without_features_does_not_back_up(context):

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from knotwork.core.camera import project
-from knotwork.core.depth.servo import servo_problem
 from knotwork.plugins.commands.experiment import depth_robot, servo_runs
 from knotwork.plugins.commands.experiment.scenarios import SETTINGS, scenario
 from knotwork.plugins.commands.experiment.servo_runs import MODES
 from knotwork.plugins.commands.experiment.single_runs import single
-from knotwork.plugins.policies.visual_servo.solvers import Program, compiled, solver
 
 OBSERVER = {"ekf": {"plugin": "depth-ekf"}}
 
@@ -52,20 +50,33 @@ def test_fifty_scenarios_run_alike_as_pipelines_and_in_the_batch(pipeline, mode,
         np.testing.assert_array_equal(phases, batch.phases)
 
 
-def test_osqp_moves_the_camera_as_the_exact_solver_does(pipeline):
-    for module in ("osqp", "qpsolvers"):
-        pytest.importorskip(module)
-    scene = scenario(SETTINGS["B"], 5, 3, 1)
+@pytest.mark.parametrize("name", ["clarabel", "osqp", "daqp"])
+def test_a_whole_run_is_the_same_with_every_solver(pipeline, name):
+    pytest.importorskip("qpsolvers")
+    pytest.importorskip(name)
+    scene = scenario(SETTINGS["B"], 9, 0, 3)
     ways = []
-    for name in ("compiled", "osqp"):
-        result, streams = pipeline(servo_nodes(scene, "active+", 1.0, name, duration=1.5))
+    for one in ("compiled", name):
+        nodes = servo_nodes(scene, "active+", 1.0, one)
+        nodes["camera"]["noise"] = 5e-4
+        result, streams = pipeline(nodes)
         assert result.exit_code == 0
+        assert len(streams["servo.state"]) == 301
         assert all(state.solved for state in streams["servo.state"])
         assert max(np.linalg.norm(m.v) for m in streams["servo.twist"]) <= 0.1
         assert max(np.linalg.norm(m.w) for m in streams["servo.twist"]) <= 0.15
         ways.append(np.array([m.position for m in streams["camera.camera"]]))
-    assert np.linalg.norm(ways[0][-1]) > 0.05
-    np.testing.assert_allclose(ways[1], ways[0], atol=2e-3)
+    assert np.linalg.norm(ways[0][-1]) > 0.2
+    np.testing.assert_allclose(ways[1], ways[0], atol=1e-4)
+
+
+def test_osqp_repeats_itself(pipeline):
+    pytest.importorskip("qpsolvers")
+    pytest.importorskip("osqp")
+    scene = scenario(SETTINGS["hard"], 4, 0, 0)
+    nodes = servo_nodes(scene, "active", 1.0, "osqp", duration=2.0)
+    first, second = ([(m.v.tolist(), m.w.tolist()) for m in pipeline(nodes)[1]["servo.twist"]] for _ in range(2))
+    assert first == second
 
 
 @pytest.mark.parametrize("name", ["compiled", "clarabel"])
@@ -196,24 +207,3 @@ def test_losing_features_and_noise_do_not_keep_it_from_the_goal(pipeline):
     rotation, position = streams["camera.camera"][-1].rotation, streams["camera.camera"][-1].position
     image, _ = project((scene.points - position) @ rotation)
     assert np.linalg.norm(image - scene.goal) < 0.01
-
-
-def test_tangent_cuts_give_nearly_the_exact_answer():
-    pytest.importorskip("osqp")
-    pytest.importorskip("qpsolvers")
-    rng = np.random.default_rng(1)
-    cuts = solver("osqp", "servo")
-    for _ in range(10):
-        s, chi = rng.uniform(-0.3, 0.3, (9, 2)), rng.uniform(0.3, 3, 9)
-        hessian, gradient, bounds, direction = np.empty((6, 6)), np.empty(6), np.empty(9), np.empty(2)
-        _, c, least = servo_problem(
-            s, chi, s + rng.normal(0, 0.1, s.shape), rng.choice([0.0, 0.5, 1.0], 9), np.zeros(9), np.zeros(2),
-            1.0, 0.1, 0.15, 0.9, hessian, gradient, bounds, direction,
-        )  # fmt: skip
-        program = Program(hessian, gradient, s, bounds, c, direction, least, 0.1, 0.15)
-        exact, near = compiled(program), cuts(program)
-        scaled, slope = program.scaled()
-        cost = [0.5 * u @ scaled @ u + slope @ u for u in (exact, near)]
-        assert cost[1] == pytest.approx(cost[0], rel=1e-3, abs=1e-6)
-        assert np.linalg.norm(near[:3]) <= 1 + 1e-5
-        assert np.linalg.norm(near[3:]) <= 1 + 1e-5
