@@ -1,4 +1,4 @@
-"""The whole pipeline of configs/radish.yaml on a log, on one core: where the time goes, logging, start-up.
+"""The whole pipeline of configs/radish.yaml on a log, on one core (or more, `--cores 0 1`): where the time goes, logging, start-up.
 
     python bench/pipeline.py split LOG [--limit N]            processor time a scan, per node
     python bench/pipeline.py logging LOG [--rounds 2]         with and without the MCAP log, in turn
@@ -9,6 +9,7 @@ Times are the processor's where they can be: a busy machine stretches wall time 
 
 import argparse
 import json
+import lzma
 import os
 import resource
 import sys
@@ -104,6 +105,10 @@ def logging(log: Path, limit: int, rounds: int) -> None:
                 best[name] = [min(known[0], wall), min(known[1], cpu)]
     (wall, cpu), (bare_wall, bare_cpu) = best.values()
     print(f"logging adds {100 * (cpu / bare_cpu - 1):.1f} % processor time, {100 * (wall / bare_wall - 1):.1f} % wall")
+    size, scans = (Path(folder) / "log.mcap").stat().st_size, summary["nodes"]["localizer"]["n"]
+    with lzma.open(log) as file:
+        raw = sum(map(len, file))
+    print(f"{size / scans:.0f} B a scan; the text log has {raw / scans:.0f} B, packed as it came {log.stat().st_size / scans:.0f} B")
 
 
 def startup(log: Path, rounds: int, compiling: bool) -> None:
@@ -127,12 +132,11 @@ def main() -> None:
     parser.add_argument("log", type=Path)
     parser.add_argument("--limit", type=int, default=0, help="scans")
     parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--core", type=int, default=-1, help="run on this core only (default: the last)")
+    parser.add_argument("--cores", type=int, nargs="+", help="run on these cores only (default: the last one)")
     parser.add_argument("--compile", action="store_true")
     arguments = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[-1] if arguments.core < 0 else arguments.core})
+        os.sched_setaffinity(0, arguments.cores or {max(os.sched_getaffinity(0))})
     log = arguments.log.resolve()
     if arguments.what == "split":
         split(log, arguments.limit)
