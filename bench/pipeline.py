@@ -1,10 +1,10 @@
-"""The whole pipeline of configs/radish.yaml on a log, on one core (or more, `--cores 0 1`): where the time goes, logging, start-up.
+"""The whole pipeline of configs/radish.yaml on a log: where the time goes, logging, start-up.
 
     python bench/pipeline.py split LOG [--limit N]            processor time a scan, per node
     python bench/pipeline.py logging LOG [--rounds 2]         with and without the MCAP log, in turn
     python bench/pipeline.py startup LOG [--rounds 5] [--compile]   command to first scan; first run
 
-Times are the processor's where they can be: a busy machine stretches wall time at will.
+On one core, or on those of `--cores 0 1`. Times are the processor's where they can be: a busy machine stretches wall time at will.
 """
 
 import argparse
@@ -108,7 +108,9 @@ def logging(log: Path, limit: int, rounds: int) -> None:
     size, scans = (Path(folder) / "log.mcap").stat().st_size, summary["nodes"]["localizer"]["n"]
     with lzma.open(log) as file:
         raw = sum(map(len, file))
-    print(f"{size / scans:.0f} B a scan; the text log has {raw / scans:.0f} B, packed as it came {log.stat().st_size / scans:.0f} B")
+    print(
+        f"{size / scans:.0f} B a scan; the text log has {raw / scans:.0f} B, compressed {log.stat().st_size / scans:.0f} B"
+    )
 
 
 def startup(log: Path, rounds: int, compiling: bool) -> None:
