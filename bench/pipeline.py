@@ -4,7 +4,8 @@
     python bench/pipeline.py logging LOG [--rounds 2]         with and without the MCAP log, in turn
     python bench/pipeline.py startup LOG [--rounds 5] [--compile]   command to first scan; first run
 
-On one core, or on those of `--cores 0 1`. Times are the processor's where they can be: a busy machine stretches wall time at will.
+On one core, or on those of `--cores 0 1`. Times are the processor's where they can be: a
+busy machine stretches wall time at will.
 """
 
 import argparse
