@@ -109,9 +109,8 @@ def logging(log: Path, limit: int, rounds: int) -> None:
     size, scans = (Path(folder) / "log.mcap").stat().st_size, summary["nodes"]["localizer"]["n"]
     with lzma.open(log) as file:
         raw = sum(map(len, file))
-    print(
-        f"{size / scans:.0f} B a scan; the text log has {raw / scans:.0f} B, compressed {log.stat().st_size / scans:.0f} B"
-    )
+    packed = log.stat().st_size
+    print(f"{size / scans:.0f} B a scan; the text log has {raw / scans:.0f} B, compressed {packed / scans:.0f} B")
 
 
 def startup(log: Path, rounds: int, compiling: bool) -> None:
