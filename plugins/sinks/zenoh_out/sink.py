@@ -45,7 +45,7 @@ class ZenohOut(Sink):
         self._rewound = 0
         self._acknowledged = False  # the other end has answered, ever
         self._lost_since: int | None = None  # when the link was lost [ns]; None while it works
-        self._told_lost = 0
+        self._told_full = False
         self._ending = self._closing = False
         self._wanted: dict[str, bool] = {}
         self._thread = Thread(target=self._keep, name=f"{context.name}-link", daemon=True)
@@ -177,6 +177,7 @@ class ZenohOut(Sink):
             if moved:
                 self._progress = now
                 self._tell_return(now)
+                self._told_full = self._told_full and len(self._box) > 0
             if ack.gap and now - self._rewound > _BETWEEN_REWINDS:
                 self._rewound = now
                 self._box.rewind()
@@ -198,9 +199,9 @@ class ZenohOut(Sink):
             session.put(key, data, express=True, **more)
 
     def _tell_loss(self) -> None:
-        """Say once for each time the link is lost that the buffer is full."""
-        if not self._told_lost:
-            self._told_lost = sum(self._box.lost.values())
+        """Say that the buffer is full, once until all that waits has been delivered."""
+        if not self._told_full:
+            self._told_full = True
             text = f"link {self._config.link}: the buffer ({self._config.buffer:g} MB) is full: the oldest are lost"
             self.context.report("error", text)
 
@@ -210,7 +211,6 @@ class ZenohOut(Sink):
         seconds = (now - self._lost_since) * 1e-9
         self._lost_since = None
         lost = f"lost so far: {_listed(self._box.lost)}" if any(self._box.lost.values()) else "nothing is lost"
-        self._told_lost = 0
         text = f"link {self._config.link} is back after {seconds:.1f} s: {len(self._box)} messages wait, {lost}"
         self.context.report("info", text)
 
