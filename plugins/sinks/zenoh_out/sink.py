@@ -45,7 +45,7 @@ class ZenohOut(Sink):
         self._rewound = 0
         self._acknowledged = False  # the other end has answered, ever
         self._lost_since: int | None = None  # when the link was lost [ns]; None while it works
-        self._told_full = False
+        self._told_lost = self._told_full = False
         self._ending = self._closing = False
         self._wanted: dict[str, bool] = {}
         self._thread = Thread(target=self._keep, name=f"{context.name}-link", daemon=True)
@@ -150,7 +150,8 @@ class ZenohOut(Sink):
             self._rewound = now
         if now - self._progress > _SILENCE and self._lost_since is None:
             self._lost_since = self._progress
-            if self._acknowledged:
+            self._told_lost = self._acknowledged
+            if self._told_lost:
                 self.context.report("warning", f"link {self._config.link} is lost: messages are kept until it is back")
 
     def _put(self, entry: Entry, first: int) -> None:
@@ -211,7 +212,8 @@ class ZenohOut(Sink):
         seconds = (now - self._lost_since) * 1e-9
         self._lost_since = None
         lost = f"lost so far: {_listed(self._box.lost)}" if any(self._box.lost.values()) else "nothing is lost"
-        text = f"link {self._config.link} is back after {seconds:.1f} s: {len(self._box)} messages wait, {lost}"
+        state = "back" if self._told_lost else "up"
+        text = f"link {self._config.link} is {state} after {seconds:.1f} s: {len(self._box)} messages wait, {lost}"
         self.context.report("info", text)
 
 

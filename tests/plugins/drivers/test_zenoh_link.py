@@ -362,6 +362,18 @@ def test_the_link_tells_its_state(cable):
     assert state.received == 3
 
 
+def test_that_nobody_answers_is_said_once(knotwork_context):
+    context = knotwork_context(IN, {"link": "lonely", "connect": ["tcp/127.0.0.1:9"], "streams": ODOMETRY})
+    node = ZenohIn(context)
+    node.open()
+    node.start()
+    until(lambda: context.reports)
+    time.sleep(0.2)
+    node.stop()
+    node.close()
+    assert context.reports == [("info", "link lonely: nobody has answered yet (it connects to tcp/127.0.0.1:9)")]
+
+
 def test_another_type_than_expected_is_said_once(cable):
     cable = cable({"pose": {"stream": "loc.pose", "message": "pose", "role": "estimate"}} | ODOMETRY).up()
     for _ in range(3):
