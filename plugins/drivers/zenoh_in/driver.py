@@ -202,7 +202,7 @@ class ZenohIn(Driver):
         if ports is None:
             return
         self._received += 1
-        transit = self._clock.age(head.sent, arrived) if self._clock else 0
+        transit = self._clock.age(head.given, arrived) if self._clock else 0
         is_late = transit > self._config.late * 1e9
         self._late += is_late
         for port, remote in ports:
@@ -240,7 +240,7 @@ class ZenohIn(Driver):
             return
         self._newest_command = (head.session, head.seq)
         self._received += 1
-        age = self._clock.age(head.sent, arrived)
+        age = self._clock.age(head.given, arrived)
         self._late += age > self._config.late * 1e9
         for port, remote in ports:
             message = self._decoded(stream, head, payload, remote)

@@ -68,10 +68,11 @@ class ZenohOut(Sink):
             wanted = self._wanted[stream] = _chosen(self._config, stream)
         if not wanted:
             return
+        given = clock.epoch()
         payload = codec.encode(message)
         if message.type_name in wire.COMMANDS:
             self._commands += 1
-            self._put(Entry(self._commands, stream, message.type_name, payload), first=0)
+            self._put(Entry(self._commands, stream, message.type_name, payload, given), first=0)
             return
         with self._changed:
             size = len(payload) + 128
@@ -79,7 +80,7 @@ class ZenohOut(Sink):
                 self._changed.wait(_LOOK)
             if not self._box.waiting:
                 self._progress = clock.monotonic()
-            if self._box.put(stream, message.type_name, payload):
+            if self._box.put(stream, message.type_name, payload, given):
                 self._tell_loss()
             self._send_all()
 
@@ -155,7 +156,7 @@ class ZenohOut(Sink):
                 self.context.report("warning", f"link {self._config.link} is lost: messages are kept until it is back")
 
     def _put(self, entry: Entry, first: int) -> None:
-        head = wire.Head(self._number, entry.seq, first, clock.epoch(), entry.type)
+        head = wire.Head(self._number, entry.seq, first, entry.given, entry.type)
         self._publish(
             wire.data_key(self._config.link, entry.stream),
             entry.payload,

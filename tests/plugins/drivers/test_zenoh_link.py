@@ -316,14 +316,17 @@ def test_a_command_whose_age_nobody_knows_is_refused(cable):
     assert cable.came("twist") == []
 
 
-def test_a_stop_always_arrives_and_an_old_rearm_never(cable):
-    cable = cable(CONTROL, into={"rearm_age": 0.3}).up()
+@pytest.mark.parametrize("how", ["stalled", "cut"])
+def test_a_stop_always_arrives_and_an_old_rearm_never(cable, how):
+    cable = cable(CONTROL, into={"rearm_age": 2.0}).up()
     cable.give("live.control", MotionControl(stamp=0, action="rearm"))
     until(lambda: len(cable.came("control")) == 1)
+    if how == "cut":
+        cable.proxy.cut()  # what was under way is gone: all is sent again, and is no younger for it
     cable.proxy.stalled = True
     for action in ("rearm", "stop", "rearm"):
         cable.give("live.control", MotionControl(stamp=0, action=action))
-    time.sleep(0.8)
+    time.sleep(2.5)
     cable.proxy.stalled = False
     until(lambda: len(cable.came("control")) == 2)
     until(lambda: cable.into.statistics()["refused_commands"] == 2)
