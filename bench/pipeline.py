@@ -98,6 +98,8 @@ def logging(log: Path, limit: int, rounds: int) -> None:
             for name, file in variants.items():
                 wall, cpu, summary = run_once(file, log, folder, "--set", f"nodes.log.limit={limit}")
                 length = summary["log_duration_s"]
+                if (recorded := Path(folder) / "log.mcap").exists():
+                    size = recorded.stat().st_size / summary["nodes"]["localizer"]["n"]
                 print(
                     f"{name:14} wall {wall:6.2f} s ({length / wall:4.0f} x), run alone {summary['wall_s']:6.2f} s "
                     f"({summary['real_time_factor']:4.0f} x), processor {cpu:6.2f} s ({length / cpu:4.0f} x)"
@@ -106,11 +108,9 @@ def logging(log: Path, limit: int, rounds: int) -> None:
                 best[name] = [min(known[0], wall), min(known[1], cpu)]
     (wall, cpu), (bare_wall, bare_cpu) = best.values()
     print(f"logging adds {100 * (cpu / bare_cpu - 1):.1f} % processor time, {100 * (wall / bare_wall - 1):.1f} % wall")
-    size, scans = (Path(folder) / "log.mcap").stat().st_size, summary["nodes"]["localizer"]["n"]
-    with lzma.open(log) as file:
-        raw = sum(map(len, file))
-    packed = log.stat().st_size
-    print(f"{size / scans:.0f} B a scan; the text log has {raw / scans:.0f} B, compressed {packed / scans:.0f} B")
+    with lzma.open(log, "rt") as file:
+        lines = [len(line) for line in file if line.startswith("FLASER")]
+    print(f"{size:.0f} B a scan in the MCAP log, {sum(lines) / len(lines):.0f} B in the text log")
 
 
 def startup(log: Path, rounds: int, compiling: bool) -> None:
