@@ -1,14 +1,16 @@
-"""The whole pipeline of configs/radish.yaml on a log, on one core: where the time goes, logging, start-up.
+"""The whole pipeline of configs/radish.yaml on a log: where the time goes, logging, start-up.
 
     python bench/pipeline.py split LOG [--limit N]            processor time a scan, per node
     python bench/pipeline.py logging LOG [--rounds 2]         with and without the MCAP log, in turn
     python bench/pipeline.py startup LOG [--rounds 5] [--compile]   command to first scan; first run
 
-Times are the processor's where they can be: a busy machine stretches wall time at will.
+On one core, or on those of `--cores 0 1`. Times are the processor's where they can be: a
+busy machine stretches wall time at will.
 """
 
 import argparse
 import json
+import lzma
 import os
 import resource
 import sys
@@ -96,6 +98,8 @@ def logging(log: Path, limit: int, rounds: int) -> None:
             for name, file in variants.items():
                 wall, cpu, summary = run_once(file, log, folder, "--set", f"nodes.log.limit={limit}")
                 length = summary["log_duration_s"]
+                if (recorded := Path(folder) / "log.mcap").exists():
+                    size = recorded.stat().st_size / summary["nodes"]["localizer"]["n"]
                 print(
                     f"{name:14} wall {wall:6.2f} s ({length / wall:4.0f} x), run alone {summary['wall_s']:6.2f} s "
                     f"({summary['real_time_factor']:4.0f} x), processor {cpu:6.2f} s ({length / cpu:4.0f} x)"
@@ -104,6 +108,9 @@ def logging(log: Path, limit: int, rounds: int) -> None:
                 best[name] = [min(known[0], wall), min(known[1], cpu)]
     (wall, cpu), (bare_wall, bare_cpu) = best.values()
     print(f"logging adds {100 * (cpu / bare_cpu - 1):.1f} % processor time, {100 * (wall / bare_wall - 1):.1f} % wall")
+    with lzma.open(log, "rt") as file:
+        lines = [len(line) for line in file if line.startswith("FLASER")]
+    print(f"{size:.0f} B a scan in the MCAP log, {sum(lines) / len(lines):.0f} B in the text log")
 
 
 def startup(log: Path, rounds: int, compiling: bool) -> None:
@@ -127,12 +134,11 @@ def main() -> None:
     parser.add_argument("log", type=Path)
     parser.add_argument("--limit", type=int, default=0, help="scans")
     parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--core", type=int, default=-1, help="run on this core only (default: the last)")
+    parser.add_argument("--cores", type=int, nargs="+", help="run on these cores only (default: the last one)")
     parser.add_argument("--compile", action="store_true")
     arguments = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[-1] if arguments.core < 0 else arguments.core})
+        os.sched_setaffinity(0, arguments.cores or {max(os.sched_getaffinity(0))})
     log = arguments.log.resolve()
     if arguments.what == "split":
         split(log, arguments.limit)

@@ -131,12 +131,10 @@ def _unfit(message: Message, error: Exception) -> KnotworkError:
 
 def _encode_hook(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        key = (value.dtype, value.shape)
-        head = _heads.get(key)
+        head = _heads.get((value.dtype, value.shape))
         if head is None:
+            value = value.astype(value.dtype.newbyteorder("<"), copy=False)
             head = _array_head(value)
-        if not value.dtype.isnative:
-            value = value.astype(value.dtype.newbyteorder("<"))
         return msgspec.msgpack.Ext(ARRAY_EXTENSION, head + value.tobytes())
     if isinstance(value, (np.bool_, np.integer, np.floating)):
         plain = value.item()

@@ -285,12 +285,19 @@ class Policy(Node, ABC):
 class Sink(Node, ABC):
     """Takes messages in its own thread; never slows the estimators, never loses what it accepted."""
 
-    inline: ClassVar[bool] = False  # True: cheap enough to run in the dispatcher, no thread
     prompt: ClassVar[bool] = False  # True: its thread is woken for each message, at the price of a thread switch
 
     @abstractmethod
     def on_message(self, stream: str, message: Message) -> None:
         """Take one message of the stream `node.port`."""
+
+    def on_messages(self, messages: Iterator[tuple[str, Message]]) -> None:
+        """Take all messages that wait; a sink of many small ones may share a lock or a look-up among them.
+
+        An exception costs the message that was taken last; what is left of `messages` comes with the next call.
+        """
+        for stream, message in messages:
+            self.on_message(stream, message)
 
 
 class Command(ABC):

@@ -39,15 +39,15 @@ class ClockEstimate:
         """Median of the last round trips [ns]."""
         return round(median(trip for trip, _ in self._samples))
 
-    def age(self, sent: int, arrived: int) -> int:
+    def age(self, given: int, arrived: int) -> int:
         """Return how old a message was when it arrived [ns], never less than half the quickest round trip.
 
         Parameters
         ----------
-        sent
+        given
             By the other's clock.
         arrived
             By this one.
         """
         quickest, offset = min(self._samples)
-        return max(quickest // 2, arrived - (sent - offset))
+        return max(quickest // 2, arrived - (given - offset))

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A message on its way; `seq` counts the link's messages without gaps."""
+    """A message on its way; `seq` counts the link's messages without gaps, `given` is when it was given [ns]."""
 
     seq: int
     stream: str
     type: str
     payload: bytes
+    given: int
 
     @property
     def size(self) -> int:
@@ -67,9 +68,9 @@ class Outbox:
         """Return whether a message of so many bytes would push an older one out."""
         return bool(self._kept) and self._size + size > self._limit
 
-    def put(self, stream: str, type_name: str, payload: bytes) -> int:
+    def put(self, stream: str, type_name: str, payload: bytes, given: int) -> int:
         """Take a message; return how many older ones were lost for it."""
-        entry = Entry(self._seq, stream, type_name, payload)
+        entry = Entry(self._seq, stream, type_name, payload, given)
         self._seq += 1
         lost = 0
         while self.full(entry.size):

@@ -23,8 +23,8 @@ class Head(NamedTuple):
         Of the message; commands are counted apart.
     first
         The oldest message that the sender still has.
-    sent
-        When it left, by the sender's clock [ns].
+    given
+        When the sender was given it, by the sender's clock [ns]; the same each time it is sent.
     type
         Its message type.
     """
@@ -32,19 +32,19 @@ class Head(NamedTuple):
     session: int
     seq: int
     first: int
-    sent: int
+    given: int
     type: str
 
     def pack(self) -> bytes:
         """Return bytes."""
-        return _HEAD.pack(self.session, self.seq, self.first, self.sent) + self.type.encode()
+        return _HEAD.pack(self.session, self.seq, self.first, self.given) + self.type.encode()
 
     @classmethod
     def unpack(cls, data: bytes) -> "Head":
         """Return the head in `data`; raises InputError when it is none."""
         try:
-            session, seq, first, sent = _HEAD.unpack_from(data)
-            return cls(session, seq, first, sent, data[_HEAD.size :].decode())
+            session, seq, first, given = _HEAD.unpack_from(data)
+            return cls(session, seq, first, given, data[_HEAD.size :].decode())
         except (struct.error, UnicodeDecodeError) as error:
             raise InputError("not a message of this link") from error
 

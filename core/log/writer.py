@@ -35,7 +35,8 @@ Compression = Literal["zstd", "lz4", "none"]
 
 # opcode, length; then channel, sequence, log time, publish time
 _MESSAGE = struct.Struct("<BQHIQQ")
-_MESSAGE_FIXED = _MESSAGE.size - 9  # of it, what the record's length counts
+_MESSAGE_SIZE = _MESSAGE.size
+_MESSAGE_FIXED = _MESSAGE_SIZE - 9  # of it, what the record's length counts
 
 
 class File(Protocol):
@@ -99,7 +100,6 @@ class McapWriter:
         self._counts: dict[int, int] = {}
         self._start: int | None = None
         self._end = 0
-        self._chunk_start = self._chunk_end = 0
         self._new_chunk()
         self._write(MAGIC + _record(Header(profile, library)))
 
@@ -150,18 +150,8 @@ class McapWriter:
         OSError
             This message completed a chunk that could not be written.
         """
-        size = len(data)
-        index = self._index.get(channel)
-        if index is None:
-            index = self._index[channel] = []
-        index += (log_time, self._bytes)
-        head = _MESSAGE.pack(5, _MESSAGE_FIXED + size, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
-        self._parts += (head, data)
-        if log_time < self._chunk_start:
-            self._chunk_start = log_time
-        if log_time > self._chunk_end:
-            self._chunk_end = log_time
-        self._bytes += _MESSAGE.size + size
+        self._messages.append((channel, log_time, publish_time, sequence & 0xFFFFFFFF, data))
+        self._bytes += _MESSAGE_SIZE + len(data)
         if self._bytes >= self._chunk_size:
             self.flush()
 
@@ -173,7 +163,7 @@ class McapWriter:
         OSError
             It could not be written; its messages are dropped.
         """
-        if not (self._index or self._loose):
+        if not (self._messages or self._loose):
             return
         try:
             self._flush()
@@ -214,39 +204,36 @@ class McapWriter:
         self._write(end + summary + footer + MAGIC)
 
     def _new_chunk(self) -> None:
-        self._parts: list[bytes] = []
+        self._messages: list[tuple[int, int, int, int, bytes]] = []  # as `add` was given them
         self._bytes = 0
-        self._index: dict[int, list[int]] = {}  # channel: log time, offset, log time, offset, ...
-        self._chunk_start = 1 << 63
-        self._chunk_end = 0
 
     def _flush(self) -> None:
-        n = sum(len(index) for index in self._index.values()) // 2
+        n = len(self._messages)
         definitions = self._definitions if n else b""
         blob = [self._loose, definitions]
         base = self.size + len(self._loose) + len(definitions)
         chunk_index = b""
+        indexes: dict[int, list[int]] = {}  # channel: log time, offset, log time, offset, ...
         if n:
-            raw = b"".join([definitions, *self._parts])
-            if definitions:
-                for index in self._index.values():
-                    index[1::2] = [offset + len(definitions) for offset in index[1::2]]
+            raw, indexes = self._pack(definitions)
+            times = [message[1] for message in self._messages]
+            first, last = min(times), max(times)
             data = self._compress(raw)
             name = self._compression.encode()
             head = struct.pack(
                 f"<QQQII{len(name)}sQ",
-                self._chunk_start, self._chunk_end, len(raw), zlib.crc32(raw), len(name), name, len(data),
+                first, last, len(raw), zlib.crc32(raw), len(name), name, len(data),
             )  # fmt: skip
             chunk_length = 9 + len(head) + len(data)
             blob += [struct.pack("<BQ", Opcode.CHUNK, chunk_length - 9), head, data]
             offsets = b""
             at = 0
-            for channel, index in self._index.items():
+            for channel, index in indexes.items():
                 offsets += struct.pack("<HQ", channel, base + chunk_length + at)
                 size = 8 * len(index)
                 blob.append(struct.pack(f"<BQHI{len(index)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *index))
                 at += 15 + size
-            body = struct.pack("<QQQQI", self._chunk_start, self._chunk_end, base, chunk_length, len(offsets))
+            body = struct.pack("<QQQQI", first, last, base, chunk_length, len(offsets))
             body += offsets + struct.pack(f"<QI{len(name)}sQQ", at, len(name), name, len(data), len(raw))
             chunk_index = struct.pack("<BQ", Opcode.CHUNK_INDEX, len(body)) + body
         try:
@@ -265,10 +252,27 @@ class McapWriter:
             self._definitions = b""
             self._chunk_indexes.append(chunk_index)
             self.messages += n
-            for channel, index in self._index.items():
+            for channel, index in indexes.items():
                 self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
-            self._start = self._chunk_start if self._start is None else min(self._start, self._chunk_start)
-            self._end = max(self._end, self._chunk_end)
+            self._start = first if self._start is None else min(self._start, first)
+            self._end = max(self._end, last)
+
+    def _pack(self, definitions: bytes) -> tuple[bytes, dict[int, list[int]]]:
+        """Return the chunk's records, and of each channel log times and offsets within them in turn."""
+        parts = [definitions]
+        indexes: dict[int, list[int]] = {}
+        at = len(definitions)
+        for channel, log_time, publish_time, sequence, data in self._messages:
+            size = len(data)
+            parts.append(_MESSAGE.pack(5, _MESSAGE_FIXED + size, channel, sequence, log_time, publish_time))
+            parts.append(data)
+            index = indexes.get(channel)
+            if index is None:
+                index = indexes[channel] = []
+            index.append(log_time)
+            index.append(at)
+            at += _MESSAGE_SIZE + size
+        return b"".join(parts), indexes
 
     def _write(self, data: bytes) -> None:
         """Write all of `data`, or take the file back to where it was and raise."""

@@ -24,6 +24,8 @@ _RANGE_MAX = 1000.0  # m; the schema does not say what the sensor can measure
 def laser_scan(m: Any, arrival: int, frames: Frames, number: int) -> Iterator[Message]:
     """foxglove.LaserScan: the sensor's pose is in the message."""
     n = len(m.ranges)
+    if not n:
+        raise ValueError("a foxglove.LaserScan without ranges")
     increment = (m.end_angle - m.start_angle) / (n - 1) if n > 1 else math.tau
     given = make_scan(
         _stamp(m, arrival), number, m.ranges, m.start_angle, increment, 0.0, _RANGE_MAX, frames, m.frame_id,
@@ -106,6 +108,7 @@ def decoder(schema: str, encoding: str) -> Callable[[bytes], Any]:
     """
     name = schema.removeprefix("foxglove.")
     cls = getattr(import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name)
+    fields = {name for field in cls.DESCRIPTOR.fields for name in (field.name, field.json_name)}
 
     def from_protobuf(data: bytes) -> Any:
         try:
@@ -115,7 +118,10 @@ def decoder(schema: str, encoding: str) -> Callable[[bytes], Any]:
 
     def from_json(data: bytes) -> Any:
         try:
-            return ParseDict(_protobuf_form(msgspec.json.decode(data)), cls(), ignore_unknown_fields=True)
+            found = _protobuf_form(msgspec.json.decode(data))
+            if isinstance(found, dict) and found and not found.keys() & fields:
+                raise ValueError(f"not a {schema}: it has none of its fields, but {', '.join(sorted(found))}")
+            return ParseDict(found, cls(), ignore_unknown_fields=True)
         except (msgspec.DecodeError, ParseError) as error:
             raise ValueError(f"not a {schema}: {error}") from None
 

@@ -1,7 +1,7 @@
 """A sink's own thread behind a bounded queue, so that no sink slows an estimator."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from threading import Condition, Thread
 
@@ -11,7 +11,7 @@ from knotwork.core.messages import Message
 from knotwork.core.runtime.inbox import Policy
 from knotwork.core.runtime.timing import Clocked, Histogram
 
-_WAKE_AT = 64  # messages; fewer wait for the next look, which saves a thread switch a message
+_WAKE_AT = 64
 _LOOK_EVERY = 0.05  # s
 _GIVE_UP_AFTER = 10  # failures in a row
 _BYTES = 256 << 20  # that may wait: ten thousand scans are little, ten thousand images are not
@@ -44,28 +44,29 @@ class SinkWorker:
         self._failed = failed
         self._dropping = dropping  # called at the first drop, in the dispatcher's thread
         self._came = self._went = self._thrown = 0  # bytes; each is counted by one thread only
-        self._in_a_row = 0
-        self._queue: deque[tuple[str, Message]] = deque()
+        self._taken = 0  # messages
+        self._in_a_row = self._failed_at = 0  # failures without a success between them; `_taken` at the last one
+        self._queue: deque[tuple[str, Message, int]] = deque()  # stream, message, bytes
         self._changed = Condition()
         self._draining = False
         self._thread = Thread(target=self._work, name=f"sink {sink.context.name}", daemon=True)
 
     def start(self) -> None:
-        """Start the thread; a sink that is `inline` has none."""
-        if not self._sink.inline:
-            self._thread.start()
+        """Start the thread."""
+        self._thread.start()
 
     def put(self, stream: str, message: Message) -> None:
         """Accept one message."""
-        if self._sink.inline:
-            self._hand(stream, message)
-            return
         queue = self._queue
-        self._came += message.nbytes
-        if self._full:
+        size = message.nbytes
+        self._came += size
+        waiting = len(queue)
+        if waiting >= self._size or self._came - self._went - self._thrown > _BYTES:
             self._make_room()
-        queue.append((stream, message))
-        if len(queue) == self._wake_at or len(queue) >= self._size:
+            waiting = len(queue)
+        queue.append((stream, message, size))
+        waiting += 1
+        if waiting == self._wake_at or waiting >= self._size:
             with self._changed:
                 self._changed.notify_all()
 
@@ -88,16 +89,13 @@ class SinkWorker:
             return
         with suppress(IndexError):  # the worker was faster
             while self._full:
-                self._thrown += self._queue.popleft()[1].nbytes
+                self._thrown += self._queue.popleft()[2]
                 self.drops += 1
                 if self.drops == 1:
                     self._dropping()
 
     def finish(self, timeout: float) -> bool:
         """Handle everything that waits, then the sink's `finish`; False when it did not end in time [s]."""
-        if self._sink.inline:
-            self._last()
-            return True
         with self._changed:
             self._draining = True
             self._changed.notify_all()
@@ -109,9 +107,7 @@ class SinkWorker:
         while True:
             self.backlog_max = max(self.backlog_max, len(queue))
             while queue:
-                stream, message = queue.popleft()
-                self._hand(stream, message)
-                self._went += message.nbytes
+                self._hand(self._waiting())
             with self._changed:
                 self._changed.notify_all()
                 if not queue:
@@ -120,18 +116,36 @@ class SinkWorker:
                     self._changed.wait(_LOOK_EVERY)
         self._last()
 
-    def _hand(self, stream: str, message: Message) -> None:
-        if self._in_a_row >= _GIVE_UP_AFTER:
-            self.drops += 1
-            return
-        self._clocked.start()
-        try:
-            self._sink.on_message(stream, message)
-            self._in_a_row = 0
-        except Exception as error:  # noqa: BLE001 - a sink must not end the run
-            self._failure(error)
-        finally:
-            self._clocked.stop(self._histogram)
+    def _waiting(self) -> Iterator[tuple[str, Message]]:
+        """Take what waits now; the time until the next one is asked for is this one's."""
+        queue, clocked = self._queue, self._clocked
+        for _ in range(len(queue)):
+            try:
+                stream, message, size = queue.popleft()
+            except IndexError:  # dropped meanwhile, to make room
+                return
+            self._taken += 1
+            clocked.start()
+            try:
+                yield stream, message
+            finally:
+                clocked.stop(self._histogram)
+                self._went += size
+
+    def _hand(self, messages: Iterator[tuple[str, Message]]) -> None:
+        while True:
+            if self._in_a_row >= _GIVE_UP_AFTER:
+                self.drops += sum(1 for _ in messages)
+                return
+            try:
+                self._sink.on_messages(messages)
+            except Exception as error:  # noqa: BLE001 - a sink must not end the run
+                if self._taken > self._failed_at + 1:
+                    self._in_a_row = 0
+                self._failed_at = self._taken
+                self._failure(error)
+            else:
+                return
 
     def _last(self) -> None:
         try:

@@ -5,6 +5,7 @@ a viewer needs no more than the transforms. Time stamps are the messages' `stamp
 """
 
 import struct
+from functools import lru_cache
 from math import cos, sin
 from typing import Any
 
@@ -40,8 +41,7 @@ def scan(message: Scan) -> bytes:
     end = message.angle_min + max(len(message.ranges) - 1, 0) * message.angle_increment
     data = (
         wire.stamp(1, message.stamp)
-        + wire.text(2, BASE)
-        + wire.pose(3, *message.mount)
+        + _sensor(*message.mount)
         + _ANGLES.pack(4 << 3 | 1, message.angle_min, 5 << 3 | 1, end)
         + wire.doubles(6, message.ranges)
     )
@@ -88,13 +88,15 @@ def grid(message: Grid) -> bytes:
             PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
             for offset, name in enumerate(("red", "green", "blue", "alpha"))
         ],
-        data=_COLOURS.take(np.ascontiguousarray(message.cells).view(np.uint8)).tobytes() if rows * columns else b"",
     )
     view.cell_size.x = view.cell_size.y = message.resolution
     x, y, yaw = message.origin
     view.pose.position.x, view.pose.position.y = x, y
     view.pose.orientation.z, view.pose.orientation.w = sin(yaw / 2), cos(yaw / 2)
-    return view.SerializeToString()
+    if not rows * columns:
+        return view.SerializeToString()
+    colours = _COLOURS[np.ascontiguousarray(message.cells).view(np.uint8)]
+    return b"".join((view.SerializeToString(), *wire.buffer(GridView.DATA_FIELD_NUMBER, colours)))
 
 
 def event(message: Event) -> bytes:
@@ -145,6 +147,12 @@ def protobuf_view(cls: Any, render: Any, **more: Any) -> View:
 
     add(cls.DESCRIPTOR.file)
     return View(cls.DESCRIPTOR.full_name, "protobuf", files.SerializeToString(), render, **more)
+
+
+@lru_cache(maxsize=16)
+def _sensor(x: float, y: float, yaw: float) -> bytes:
+    """Frame and origin of a scan; a mount seldom changes."""
+    return wire.text(2, BASE) + wire.pose(3, x, y, yaw)
 
 
 def _time(stamp: int) -> Timestamp:

@@ -17,8 +17,10 @@ _SECOND = 1_000_000_000
 _BYTES, _DOUBLE = 2, 1  # kinds
 
 _X, _Y, _Z, _W = (field << 3 | _DOUBLE for field in (1, 2, 3, 4))
+_POSITION, _ORIENTATION = (field << 3 | _BYTES for field in (1, 2))  # of a foxglove.Pose
 _PLACE = struct.Struct("<BBBdBdBBBdBd")
-PLACE_SIZE = _PLACE.size
+_POSE_FIELD = struct.Struct("<BB" + _PLACE.format[1:])
+_F8 = np.dtype("<f8")
 
 
 def varint(value: int) -> bytes:
@@ -35,8 +37,15 @@ def varint(value: int) -> bytes:
 def stamp(field: int, nanoseconds: int) -> bytes:
     """Encode a google.protobuf.Timestamp; the messages of a step share theirs."""
     seconds, nanos = divmod(nanoseconds, _SECOND)
-    body = Timestamp(seconds=seconds, nanos=nanos).SerializeToString()
+    body = _seconds(seconds)
+    if nanos:
+        body += b"\x10" + varint(nanos)
     return bytes((field << 3 | _BYTES, len(body))) + body
+
+
+@lru_cache(maxsize=16)
+def _seconds(seconds: int) -> bytes:
+    return Timestamp(seconds=seconds).SerializeToString()
 
 
 @lru_cache(maxsize=256)
@@ -48,23 +57,31 @@ def text(field: int, value: str) -> bytes:
 
 def doubles(field: int, values: NDArray[Any]) -> bytes:
     """Encode an array (n,) as a packed repeated double."""
-    data = values.astype("<f8").tobytes()
+    data = values.astype(_F8).tobytes()
     return bytes((field << 3 | _BYTES,)) + varint(len(data)) + data
+
+
+def buffer(field: int, values: NDArray[Any]) -> tuple[bytes, memoryview]:
+    """Return what stands before the bytes of a contiguous array, and these."""
+    return bytes((field << 3 | _BYTES,)) + varint(values.nbytes), values.data.cast("B")
 
 
 def place(position: int, orientation: int, x: float, y: float, yaw: float) -> bytes:
     """Encode a foxglove.Vector3 (x, y, 0) and a foxglove.Quaternion about z as these two fields."""
-    if not isfinite(yaw):
-        yaw = nan  # sin(inf) raises
+    half = yaw / 2 if isfinite(yaw) else nan  # sin(inf) raises
     return _PLACE.pack(
         position << 3 | _BYTES, 18, _X, x, _Y, y,
-        orientation << 3 | _BYTES, 18, _Z, sin(yaw / 2), _W, cos(yaw / 2),
+        orientation << 3 | _BYTES, 18, _Z, sin(half), _W, cos(half),
     )  # fmt: skip
 
 
 def pose(field: int, x: float, y: float, yaw: float) -> bytes:
     """Encode a foxglove.Pose."""
-    return bytes((field << 3 | _BYTES, PLACE_SIZE)) + place(1, 2, x, y, yaw)
+    half = yaw / 2 if isfinite(yaw) else nan
+    return _POSE_FIELD.pack(
+        field << 3 | _BYTES, _PLACE.size,
+        _POSITION, 18, _X, x, _Y, y, _ORIENTATION, 18, _Z, sin(half), _W, cos(half),
+    )  # fmt: skip
 
 
 def poses(field: int, values: NDArray[np.float64]) -> bytes:

@@ -27,6 +27,18 @@ nodes:
   live: {plugin: live, port: 0}
 """
 
+TWO_MAPS = """\
+pipeline: two-maps
+nodes:
+  sim: {plugin: sim2d, world: arena, duration: 600}
+  prior: {plugin: ekf, inputs: {correction: localizer.pose}}
+  map: {plugin: spline-surface, publish: 1}
+  localizer: {plugin: gauss-newton, uses: {map: map, prior: prior}}
+  cells: {plugin: grid, resolution: [0.4, 0.2], publish: 1}
+  beside: {plugin: gauss-newton, uses: {map: cells, prior: prior}}
+  live: {plugin: live, port: 0}
+"""
+
 STEPPED = """\
 pipeline: stepped
 nodes:
@@ -166,3 +178,27 @@ def test_a_person_drives_and_looks(running, browser, tmp_path):
     run.end()
     assert not any("Traceback" in line for line in run.lines)
     browser.until("document.getElementById('link').textContent.startsWith('no news')")
+
+
+def test_the_page_shows_the_map_that_is_chosen(running, browser, tmp_path):
+    run = running(TWO_MAPS, "two", "--rate", "1")
+    browser.open(run.address, 400, 800)
+    browser.until("window.knotwork && Object.keys(knotwork.state.maps).length === 2", 120)
+    browser.until("!document.getElementById('map').hidden")
+    assert browser.value("[...document.getElementById('map').options].map((o) => o.value).sort().join()") == (
+        "cells.grid,map.grid"
+    )
+    assert browser.value("knotwork.state.maps['cells.grid'].resolution") == pytest.approx(0.2)
+    pictures = {}
+    for name in ("map.grid", "cells.grid"):
+        browser.value(
+            f"(() => {{ const m = document.getElementById('map'); m.value = '{name}'; m.onchange(); return 0; }})()"
+        )
+        browser.until(f"knotwork.plane.shownMap() === '{name}'")
+        time.sleep(0.4)
+        pictures[name] = browser.picture(tmp_path / f"{name}.png")
+    assert pictures["map.grid"] != pictures["cells.grid"]
+    x, _ = browser.middle("#map")
+    assert 0 < x < 400
+    assert browser.errors == []
+    run.end()

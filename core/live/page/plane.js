@@ -33,7 +33,8 @@ export function zoom(factor, px, py) {
 export function fit() {
   const box = [Infinity, Infinity, -Infinity, -Infinity];
   const add = (x, y) => { box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y); box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y); };
-  for (const map of shownMaps()) for (const { i, j } of map.tiles.values()) {
+  const map = state.maps[shownMap()];
+  for (const { i, j } of map?.tiles.values() ?? []) {
     const side = map.side * map.resolution, [x, y, yaw] = map.corner, c = Math.cos(yaw), s = Math.sin(yaw);
     for (const [a, b] of [[i, j], [i + 1, j], [i, j + 1], [i + 1, j + 1]]) add(x + side * (c * a - s * b), y + side * (s * a + c * b));
   }
@@ -48,10 +49,10 @@ export function fit() {
   redraw();
 }
 
-function shownMaps() {
+// The stream whose map is drawn: the chosen one, else the first; undefined without one.
+export function shownMap() {
   const names = Object.keys(state.maps);
-  const name = names.includes(view.map) ? view.map : names[0];
-  return name ? [state.maps[name]] : [];
+  return names.includes(view.map) ? view.map : names[0];
 }
 
 function draw() {
@@ -70,7 +71,7 @@ function draw() {
   pen.translate(width / 2, height / 2);
   pen.scale(view.scale, -view.scale);
   pen.translate(-view.x, -view.y);
-  if (layers.map) for (const map of shownMaps()) drawMap(map);
+  if (layers.map && shownMap()) drawMap(state.maps[shownMap()]);
   if (layers.hits) drawHits();
   if (layers.path) for (const path of Object.values(state.paths)) if (path.role !== "truth" || layers.truth) drawPath(path);
   if (layers.scan) for (const scan of Object.values(state.scans)) drawScan(scan);

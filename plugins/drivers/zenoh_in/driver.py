@@ -24,6 +24,7 @@ _TICK = 0.02  # s
 _FIRST_PINGS = 16  # quickly, so that a command is soon believed
 _PING_EVERY = 25  # ticks, after these
 _STATE_EVERY = 50  # ticks
+_PATIENCE = 250  # ticks after which it is said that nobody has answered
 _ACK_EVERY = 16  # messages; and each tick
 _SILENCE = 1_000_000_000  # ns without a pong: the link is down
 
@@ -112,6 +113,8 @@ class ZenohIn(Driver):
                 if self._unacknowledged:
                     self._acknowledge(gap=False)
             self._watch()
+            if tick == _PATIENCE and not self._heard:
+                self._tell_silence()
             if tick % _STATE_EVERY == 0 and self._received:
                 self.context.emit("link", self._state())
 
@@ -127,6 +130,12 @@ class ZenohIn(Driver):
         else:
             self.context.count("link_losses")
             self.context.report("warning", f"link {name} is lost: nothing comes until it is back")
+
+    def _tell_silence(self) -> None:
+        config = self._config
+        ways = [f"connects to {', '.join(config.connect)}"] if config.connect else []
+        ways += [f"listens at {', '.join(config.listen)}"] if config.listen else []
+        self.context.report("info", f"link {config.link}: nobody has answered yet (it {' and '.join(ways)})")
 
     def _state(self) -> LinkState:
         known = bool(self._clock)
@@ -193,7 +202,7 @@ class ZenohIn(Driver):
         if ports is None:
             return
         self._received += 1
-        transit = self._clock.age(head.sent, arrived) if self._clock else 0
+        transit = self._clock.age(head.given, arrived) if self._clock else 0
         is_late = transit > self._config.late * 1e9
         self._late += is_late
         for port, remote in ports:
@@ -231,7 +240,7 @@ class ZenohIn(Driver):
             return
         self._newest_command = (head.session, head.seq)
         self._received += 1
-        age = self._clock.age(head.sent, arrived)
+        age = self._clock.age(head.given, arrived)
         self._late += age > self._config.late * 1e9
         for port, remote in ports:
             message = self._decoded(stream, head, payload, remote)

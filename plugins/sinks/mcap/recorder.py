@@ -5,6 +5,7 @@ Lossless: topic `/knotwork/<node>/<port>`, encoding `msgpack` (knotwork.core.cod
 under a schema viewers know. Log time is the message's `time`, publish time its `stamp`.
 """
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -164,23 +165,29 @@ class McapRecorder(Sink):
 
     def on_message(self, stream: str, message: Message) -> None:
         """Write one message and its views."""
-        key = (stream, type(message))
-        try:
-            with self._lock:
-                if self._splits:
-                    self._split_when_due(message.time)
-                if key in self._streams:
-                    found = self._streams[key]
-                else:
-                    self._streams[key] = None
-                    found = self._streams[key] = self._register(stream, message)
-                if found is not None:
-                    self._write(stream, found, message)
-        except KnotworkError as error:
-            self.context.count("unfit_messages")
-            if stream not in self._unfit:
-                self._unfit.add(stream)
-                self.context.report("error", f"{stream} is not fully recorded: {error}")
+        self.on_messages(iter([(stream, message)]))
+
+    def on_messages(self, messages: Iterator[tuple[str, Message]]) -> None:
+        """Write messages and their views."""
+        streams, splits = self._streams, self._splits
+        with self._lock:
+            for stream, message in messages:
+                key = (stream, type(message))
+                try:
+                    if splits:
+                        self._split_when_due(message.time)
+                    if key in streams:
+                        found = streams[key]
+                    else:
+                        streams[key] = None
+                        found = streams[key] = self._register(stream, message)
+                    if found is not None:
+                        self._write(stream, found, message)
+                except KnotworkError as error:
+                    self.context.count("unfit_messages")
+                    if stream not in self._unfit:
+                        self._unfit.add(stream)
+                        self.context.report("error", f"{stream} is not fully recorded: {error}")
         if self._failure is not None:
             self._report_failure()
 
@@ -228,28 +235,33 @@ class McapRecorder(Sink):
         return _Stream(channel, {**metadata, "view_of": PREFIX + topic}, shown)
 
     def _write(self, stream: str, found: _Stream, message: Message) -> None:
-        log_time, stamp, seq = max(message.time, 0), max(message.stamp, 0), max(message.seq, 0)
-        self._add(found.channel, log_time, stamp, seq, codec.encode(message))
+        assert self._writer is not None
+        add = self._writer.add
+        log_time, stamp, seq = message.time, message.stamp, message.seq
+        if log_time < 0 or stamp < 0 or seq < 0:
+            log_time, stamp, seq = max(log_time, 0), max(stamp, 0), max(seq, 0)
+        data = codec.encode(message)
+        try:
+            add(found.channel, log_time, stamp, seq, data)
+        except OSError as error:
+            self._failure = error
         for shown in found.views:
-            places = shown.view.places
-            frame = places(message) if places else ""
-            if frame and self._placed.get(frame, stream) != stream:
-                continue
-            data = shown.view.render(message)
-            if data is None:
+            view, frame = shown.view, ""
+            if view.places is not None:
+                frame = view.places(message)
+                if self._placed.get(frame, stream) != stream:
+                    continue
+            shape = view.render(message)
+            if shape is None:
                 continue
             if frame:
                 self._placed[frame] = stream
             if not shown.channel:
                 shown.channel = self._view_channel(shown, found)
-            self._add(shown.channel, log_time, stamp, seq, data)
-
-    def _add(self, channel: int, log_time: int, stamp: int, seq: int, data: bytes) -> None:
-        assert self._writer is not None
-        try:
-            self._writer.add(channel, log_time, stamp, seq, data)
-        except OSError as error:
-            self._failure = error
+            try:
+                add(shown.channel, log_time, stamp, seq, shape)
+            except OSError as error:
+                self._failure = error
 
     def _view_channel(self, shown: _View, found: _Stream) -> int:
         assert self._writer is not None

@@ -45,7 +45,7 @@ class ZenohOut(Sink):
         self._rewound = 0
         self._acknowledged = False  # the other end has answered, ever
         self._lost_since: int | None = None  # when the link was lost [ns]; None while it works
-        self._told_lost = 0
+        self._told_lost = self._told_full = False
         self._ending = self._closing = False
         self._wanted: dict[str, bool] = {}
         self._thread = Thread(target=self._keep, name=f"{context.name}-link", daemon=True)
@@ -68,10 +68,11 @@ class ZenohOut(Sink):
             wanted = self._wanted[stream] = _chosen(self._config, stream)
         if not wanted:
             return
+        given = clock.epoch()
         payload = codec.encode(message)
         if message.type_name in wire.COMMANDS:
             self._commands += 1
-            self._put(Entry(self._commands, stream, message.type_name, payload), first=0)
+            self._put(Entry(self._commands, stream, message.type_name, payload, given), first=0)
             return
         with self._changed:
             size = len(payload) + 128
@@ -79,7 +80,7 @@ class ZenohOut(Sink):
                 self._changed.wait(_LOOK)
             if not self._box.waiting:
                 self._progress = clock.monotonic()
-            if self._box.put(stream, message.type_name, payload):
+            if self._box.put(stream, message.type_name, payload, given):
                 self._tell_loss()
             self._send_all()
 
@@ -150,11 +151,12 @@ class ZenohOut(Sink):
             self._rewound = now
         if now - self._progress > _SILENCE and self._lost_since is None:
             self._lost_since = self._progress
-            if self._acknowledged:
+            self._told_lost = self._acknowledged
+            if self._told_lost:
                 self.context.report("warning", f"link {self._config.link} is lost: messages are kept until it is back")
 
     def _put(self, entry: Entry, first: int) -> None:
-        head = wire.Head(self._number, entry.seq, first, clock.epoch(), entry.type)
+        head = wire.Head(self._number, entry.seq, first, entry.given, entry.type)
         self._publish(
             wire.data_key(self._config.link, entry.stream),
             entry.payload,
@@ -177,6 +179,7 @@ class ZenohOut(Sink):
             if moved:
                 self._progress = now
                 self._tell_return(now)
+                self._told_full = self._told_full and len(self._box) > 0
             if ack.gap and now - self._rewound > _BETWEEN_REWINDS:
                 self._rewound = now
                 self._box.rewind()
@@ -198,9 +201,9 @@ class ZenohOut(Sink):
             session.put(key, data, express=True, **more)
 
     def _tell_loss(self) -> None:
-        """Say once for each time the link is lost that the buffer is full."""
-        if not self._told_lost:
-            self._told_lost = sum(self._box.lost.values())
+        """Say that the buffer is full, once until all that waits has been delivered."""
+        if not self._told_full:
+            self._told_full = True
             text = f"link {self._config.link}: the buffer ({self._config.buffer:g} MB) is full: the oldest are lost"
             self.context.report("error", text)
 
@@ -210,8 +213,8 @@ class ZenohOut(Sink):
         seconds = (now - self._lost_since) * 1e-9
         self._lost_since = None
         lost = f"lost so far: {_listed(self._box.lost)}" if any(self._box.lost.values()) else "nothing is lost"
-        self._told_lost = 0
-        text = f"link {self._config.link} is back after {seconds:.1f} s: {len(self._box)} messages wait, {lost}"
+        state = "back" if self._told_lost else "up"
+        text = f"link {self._config.link} is {state} after {seconds:.1f} s: {len(self._box)} messages wait, {lost}"
         self.context.report("info", text)
 
 

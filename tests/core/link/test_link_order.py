@@ -20,7 +20,7 @@ def carried(seed, n, limit, window, loss, outage=(0, 0)):
         assert step < 200_000, "it never ends"
         down = outage[0] <= step < outage[1]
         if given_ < n and rng.random() < 0.7:
-            box.put(f"s.{given_ % 3}", "t", given_.to_bytes(4, "big") + bytes(96))
+            box.put(f"s.{given_ % 3}", "t", given_.to_bytes(4, "big") + bytes(96), 0)
             given_ += 1
         while (entry := box.take()) is not None:
             if not down and rng.random() >= loss:
@@ -76,7 +76,7 @@ def test_an_outage_within_the_buffer_loses_nothing():
 def test_the_window_is_kept():
     box = Outbox(10**6, 1000)
     for _ in range(10):
-        box.put("s", "t", bytes(272))  # 400 with its head
+        box.put("s", "t", bytes(272), 0)  # 400 with its head
     assert [box.take() is not None for _ in range(4)] == [True, True, False, False]
     box.acknowledge(1)
     assert box.take().seq == 2
@@ -86,7 +86,7 @@ def test_the_window_is_kept():
 def test_a_probe_is_one_message_until_it_is_answered():
     box = Outbox(10**6, 10**6)
     for _ in range(5):
-        box.put("s", "t", b"")
+        box.put("s", "t", b"", 0)
     while box.take():
         pass
     box.rewind(probe=True)
@@ -99,9 +99,9 @@ def test_a_probe_is_one_message_until_it_is_answered():
 
 def test_one_message_larger_than_everything_still_goes():
     box = Outbox(100, 100)
-    assert box.put("s", "t", bytes(1000)) == 0
+    assert box.put("s", "t", bytes(1000), 0) == 0
     assert box.take().seq == 0
-    assert box.put("s", "t", bytes(1000)) == 1
+    assert box.put("s", "t", bytes(1000), 0) == 1
     assert box.lost == {"s": 1}
     assert box.take() is None  # the first is still on its way
     box.acknowledge(1)
@@ -110,7 +110,7 @@ def test_one_message_larger_than_everything_still_goes():
 
 def test_an_acknowledgement_of_what_was_never_sent_is_ignored():
     box = Outbox(10**6, 10**6)
-    box.put("s", "t", b"")
+    box.put("s", "t", b"", 0)
     assert not box.acknowledge(99)
     assert len(box) == 1
 

@@ -190,6 +190,18 @@ def test_messages_that_are_not_what_their_schema_says_are_left_out_and_counted(t
         play("mcap-log", path, strict=True)
 
 
+@pytest.mark.parametrize(("data", "says"), [(b'{"oops": 1}', "but oops"), (b'{"ranges": []}', "without ranges")])
+def test_json_of_another_schema_is_no_scan_without_beams(tmp_path, play, data, says):
+    schema = Schema("foxglove.LaserScan", "jsonschema", b"{}")
+    good = [(time, json.dumps(plain).encode()) for time, _, plain in foxglove_scans(3)]
+    messages = [("/scan", schema, "json", time, each) for time, each in good]
+    path = write(tmp_path / "a.mcap", [*messages, ("/scan", schema, "json", messages[-1][3] + 1, data)])
+    given, context = play("mcap-log", path)
+    assert len(given["scan"]) == 3
+    assert context.counters["unreadable_messages"] == 1
+    assert any(says in text for level, text in context.reports if level == "warning")
+
+
 def test_a_broken_chunk_costs_its_own_messages_only(tmp_path, play):
     schema = Schema("foxglove.LaserScan", "protobuf", protobuf_view(LaserScan, None).definition)
     data = [(time, message.SerializeToString()) for time, message, _ in foxglove_scans(60)]

@@ -3,6 +3,7 @@
 from threading import Event
 from types import SimpleNamespace
 
+from knotwork.core.contracts import Sink
 from knotwork.core.messages import Odometry
 from knotwork.core.runtime import sink_worker
 from knotwork.core.runtime.sink_worker import SinkWorker, monotonic_clocked
@@ -12,13 +13,14 @@ from knotwork.core.runtime.timing import Histogram
 def test_a_prompt_sink_does_not_wait_for_the_next_look(monkeypatch):
     monkeypatch.setattr(sink_worker, "_LOOK_EVERY", 600.0)
     came = Event()
-    sink = SimpleNamespace(
-        context=SimpleNamespace(name="s"),
-        inline=False,
-        prompt=True,
-        on_message=lambda stream, message: came.set(),
-        finish=lambda: None,
-    )
+
+    class Prompt(Sink):
+        prompt = True
+
+        def on_message(self, stream, message):
+            came.set()
+
+    sink = Prompt(SimpleNamespace(name="s"))
     worker = SinkWorker(sink, 10, "block", monotonic_clocked(), Histogram(), lambda error, given_up: None)
     worker.start()
     message = Odometry(stamp=0, pose=None)

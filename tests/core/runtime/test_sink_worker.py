@@ -5,20 +5,18 @@ from types import SimpleNamespace
 
 import pytest
 
+from knotwork.core.contracts import Sink
 from knotwork.core.messages import Image, Twist
 from knotwork.core.runtime import sink_worker
 from knotwork.core.runtime.sink_worker import SinkWorker, monotonic_clocked
 from knotwork.core.runtime.timing import Histogram
 
 
-class Slow:
+class Slow(Sink):
     """Takes nothing before it is let."""
 
-    inline = False
-    prompt = False
-    context = SimpleNamespace(name="slow")
-
     def __init__(self):
+        super().__init__(SimpleNamespace(name="slow"))
         self.let = threading.Event()
         self.busy = threading.Event()
         self.taken = []
@@ -27,9 +25,6 @@ class Slow:
         self.busy.set()
         self.let.wait(10)
         self.taken.append(message.stamp)
-
-    def finish(self):
-        pass
 
 
 def image(stamp):
@@ -109,3 +104,44 @@ def test_a_message_larger_than_the_bound_passes(start):
     worker.put("camera.image", Image(stamp=1, data=bytes(9000), encoding="mono8", width=90, height=100))
     assert worker.finish(10)
     assert sink.taken == [1]
+
+
+class Picky(Sink):
+    """Takes all that waits at once, and fails at some."""
+
+    def __init__(self, bad):
+        super().__init__(SimpleNamespace(name="picky"))
+        self.bad = bad
+        self.taken = []
+
+    def on_message(self, stream, message):
+        raise AssertionError("it is given all that wait")
+
+    def on_messages(self, messages):
+        for _, message in messages:
+            if message.stamp in self.bad:
+                raise ValueError(f"not {message.stamp}")
+            self.taken.append(message.stamp)
+
+
+@pytest.mark.parametrize(
+    ("bad", "failures", "drops"),
+    [
+        ({0, 3, 4, 19}, 4, 0),
+        (set(range(5, 14)) | {15}, 10, 0),  # nine in a row, a good one, one more
+        (set(range(5, 15)), 10, 5),  # ten in a row: given up, the last five are counted
+    ],
+)
+def test_a_failure_costs_its_own_message(bad, failures, drops):
+    told, histogram = [], Histogram()
+    sink = Picky(bad)
+    worker = SinkWorker(sink, 100, "block", monotonic_clocked(), histogram, lambda *it: told.append(it))
+    for stamp in range(20):
+        worker.put("a.b", Twist(stamp=stamp, vx=0.0))
+    worker.start()
+    assert worker.finish(10)
+    assert sink.taken == [stamp for stamp in range(20 - drops) if stamp not in bad]
+    assert [str(error) for error, _ in told] == [f"not {stamp}" for stamp in sorted(bad)]
+    assert (worker.failures, worker.drops) == (failures, drops)
+    assert [given_up for _, given_up in told] == [False] * (failures - 1) + [drops > 0]
+    assert histogram.n == 20

@@ -11,7 +11,7 @@ from tcp_proxy import Proxy
 from knotwork.core import clock
 from knotwork.core.conformance.samples import core_types, difference, sample
 from knotwork.core.errors import InputError, KnotworkError
-from knotwork.core.messages import MotionControl, Odometry, Pose, Twist
+from knotwork.core.messages import MotionControl, Odometry, Pose, Scan, Twist
 from knotwork.core.safety.config import SafetyConfig
 from knotwork.core.safety.supervisor import Supervisor
 
@@ -142,6 +142,73 @@ def test_nothing_is_lost_while_the_cable_is_pulled(cable):
     assert any("is back" in text and "nothing is lost" in text for _, text in cable.out_context.reports)
 
 
+ROBOT = ODOMETRY | {"scan": {"stream": "lidar.scan", "message": "scan"}}
+
+
+def drive(cable, seconds):
+    """50 Hz of odometry and 5 Hz of scans; return how many of both there were."""
+    ranges, begun, n = np.full(360, 2.0, np.float32), time.monotonic(), 0
+    while n < 50 * seconds:
+        cable.odometry(1)
+        n += 1
+        if n % 10 == 0:
+            beams = {"angle_min": 0.0, "angle_increment": 0.0175, "range_min": 0.1, "range_max": 9.0}
+            cable.give("lidar.scan", Scan(stamp=cable.number, scan_id=n // 10, ranges=ranges, **beams))
+        time.sleep(max(0.0, begun + n / 50 - time.monotonic()))
+    return n + n // 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["stalled", "cut"])
+def test_ten_seconds_without_the_link_lose_nothing_that_the_buffer_holds(cable, how):
+    cable = cable(ROBOT).up()
+    given = drive(cable, 1)
+    if how == "cut":
+        cable.proxy.cut()
+    cable.proxy.stalled = True
+    given += drive(cable, 10)
+    waiting = cable.out.statistics()["waiting"]
+    cable.proxy.stalled = False
+    given += drive(cable, 1)
+    until(lambda: cable.into.statistics()["received"] == given, 30)
+    until(lambda: cable.out.statistics()["waiting"] == 0)
+    assert waiting >= 500  # what was given meanwhile was kept
+    arrived = sorted(m.stamp for port in ("odometry", "scan") for m in cable.came(port))
+    assert len(arrived) == len(set(arrived)) == given
+    for port in ("odometry", "scan"):
+        stamps = [m.stamp for m in cable.came(port)]
+        assert stamps == sorted(stamps)
+    assert cable.out.statistics()["lost"] == cable.into.statistics()["lost"] == 0
+    said = [text for _, text in cable.out_context.reports]
+    assert len(said) == 2, said
+    assert "is lost: messages are kept" in said[0]
+    assert "is back after 1" in said[1]
+    assert said[1].endswith("nothing is lost")
+
+
+@pytest.mark.slow
+def test_ten_seconds_without_the_link_and_a_small_buffer(cable):
+    cable = cable(ROBOT, out={"buffer": 0.1, "window": 0.02}).up()
+    given = drive(cable, 1)
+    cable.proxy.stalled = True
+    given += drive(cable, 10)
+    kept = cable.out.statistics()["waiting"]
+    cable.proxy.stalled = False
+    given += drive(cable, 1)
+    until(lambda: cable.out.statistics()["waiting"] == 0, 30)
+    until(lambda: cable.into.statistics()["received"] + cable.into.statistics()["lost"] == given)
+    sent, arrived = cable.out.statistics(), cable.into.statistics()
+    assert 0.9 < sent["kept_max_mb"] / 0.1 <= 1.0  # the bound is used, and held
+    assert arrived["received"] >= 50 + kept  # all that was kept has come
+    assert 0 < arrived["lost"] <= sent["lost"]
+    newest = [m.stamp for m in cable.came("odometry")][-1]
+    assert newest >= given - 2  # the oldest are lost, not the newest
+    out = [text for _, text in cable.out_context.reports]
+    assert sum("the buffer (0.1 MB) is full: the oldest are lost" in text for text in out) == 1
+    assert any("lost so far: base.odometry" in text and "lidar.scan" in text for text in out)
+    assert any("messages were lost" in text for _, text in cable.in_context.reports)
+
+
 def test_a_connection_that_breaks_is_made_anew(cable):
     cable = cable(ODOMETRY).up()
     cable.odometry(10)
@@ -249,14 +316,17 @@ def test_a_command_whose_age_nobody_knows_is_refused(cable):
     assert cable.came("twist") == []
 
 
-def test_a_stop_always_arrives_and_an_old_rearm_never(cable):
-    cable = cable(CONTROL, into={"rearm_age": 0.3}).up()
+@pytest.mark.parametrize("how", ["stalled", "cut"])
+def test_a_stop_always_arrives_and_an_old_rearm_never(cable, how):
+    cable = cable(CONTROL, into={"rearm_age": 2.0}).up()
     cable.give("live.control", MotionControl(stamp=0, action="rearm"))
     until(lambda: len(cable.came("control")) == 1)
+    if how == "cut":
+        cable.proxy.cut()  # what was under way is gone: all is sent again, and is no younger for it
     cable.proxy.stalled = True
     for action in ("rearm", "stop", "rearm"):
         cable.give("live.control", MotionControl(stamp=0, action=action))
-    time.sleep(0.8)
+    time.sleep(2.5)
     cable.proxy.stalled = False
     until(lambda: len(cable.came("control")) == 2)
     until(lambda: cable.into.statistics()["refused_commands"] == 2)
@@ -293,6 +363,18 @@ def test_the_link_tells_its_state(cable):
     assert state.offset == pytest.approx(3.0, abs=max(state.round_trip, 0.02))
     assert 0 < state.round_trip < 0.5
     assert state.received == 3
+
+
+def test_that_nobody_answers_is_said_once(knotwork_context):
+    context = knotwork_context(IN, {"link": "lonely", "connect": ["tcp/127.0.0.1:9"], "streams": ODOMETRY})
+    node = ZenohIn(context)
+    node.open()
+    node.start()
+    until(lambda: context.reports)
+    time.sleep(0.2)
+    node.stop()
+    node.close()
+    assert context.reports == [("info", "link lonely: nobody has answered yet (it connects to tcp/127.0.0.1:9)")]
 
 
 def test_another_type_than_expected_is_said_once(cable):
