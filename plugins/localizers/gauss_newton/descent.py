@@ -54,8 +54,8 @@ def descend(
     starts : shape (k, 3)
         The cheapest of several are solved at the coarsest level and the best result is taken on.
     prior, information : shape (3,), (3, 3)
-        The prior's term of the cost. Each finer level starts from the coarser one's result or from the
-        prior, whichever costs less there: a coarse level may slide where a fine one would not.
+        The prior's term of the cost. A finer level starts from the coarser one's result, and where the prior
+        costs less than that also from the prior: a coarse level may slide where a fine one would not.
     twist
         For de-skewing; None: not.
     """
@@ -72,10 +72,12 @@ def descend(
     for level in range(1, alignment.levels):
         here = alignment.normal_equations(solution.pose, level, loss, scale)
         there = alignment.costs(prior[None], level, loss, scale)[0]
-        if there < here.cost + prior_cost(solution.pose, prior, information):
-            solution = solve(alignment, level, prior, prior, information, settings)
-        else:
-            solution = solve(alignment, level, solution.pose, prior, information, settings, here)
+        slid = there < here.cost + prior_cost(solution.pose, prior, information)
+        solution = solve(alignment, level, solution.pose, prior, information, settings, here)
+        if slid:
+            other = solve(alignment, level, prior, prior, information, settings)
+            if other.cost < solution.cost:
+                solution = other
     return _found(solution, alignment)
 
 
