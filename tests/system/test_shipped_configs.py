@@ -25,6 +25,7 @@ ELSEWHERE = {  # and the split robot in test_split_turtlebot3
     "demo": "test_radish.py",
     "gallery": "test_curve_map.py",
     "radish": "test_radish.py",
+    "radish-localize": "test_saved_maps.py",
     "turtlebot3-burger-path": "test_emulated_turtlebot3.py",
     "turtlebot3-dynamixel": "test_emulated_turtlebot3.py",
 }

@@ -11,7 +11,7 @@ from knotwork.core.geometry import compose, relative, wrap
 from knotwork.core.messages import F64, Pose, Scan
 from knotwork.plugins.localizers.gauss_newton import GaussNewtonConfig
 from knotwork.plugins.localizers.gauss_newton.descent import Found, descend, discover
-from knotwork.plugins.localizers.gauss_newton.search import Search
+from knotwork.plugins.localizers.gauss_newton.search import Candidate, Search
 from knotwork.plugins.localizers.gauss_newton.solver import Settings, prior_cost, propose
 from knotwork.plugins.localizers.gauss_newton.starts import around
 from knotwork.plugins.localizers.gauss_newton.uncertainty import MapUncertainty, scan_alone
@@ -51,6 +51,7 @@ class GaussNewton(Localizer):
         self._fused_at: F64 | None = None
         self._quality = math.nan
         self._doubtful = 0  # scans in a row
+        self._candidate: Candidate | None = None  # where the last scan, a doubtful one, may have been
         self._search: Search | None = None
         self._waiting: deque[tuple[Scan, int]] = deque()  # with the time when they came [ns]
         self._settling = False  # found again, but the prior has not taken it over yet
@@ -128,6 +129,11 @@ class GaussNewton(Localizer):
         if estimate.weak or self._settling:
             starts = np.concatenate([around(start, *config.weak, config.weak_starts) for start in starts])
         found = descend(chart, scan, starts, prior, information, twist, self._settings)
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None:
+            there = candidate.confirm(chart, scan, prior, twist, self._settings)
+            if there.explained() >= max(config.found, found.explained()):  # it was odometry that failed
+                found, information = there, _NOTHING
         self._settling = self._settling and math.dist(found.pose[:2], prior[:2]) > _AGREE
         says_something = found.known >= config.known and found.equations.n_total > 0
         self._quality = found.quality() if says_something else math.nan
@@ -140,10 +146,8 @@ class GaussNewton(Localizer):
             return found
         self._counts["doubtful_scans"] += 1
         again = discover(chart, scan, around(prior, *config.astray, config.astray_starts), twist, self._settings)
-        if again.explained() >= config.found:  # it was odometry that failed
-            self._doubtful, self._quality = 0, again.quality()
-            self._accept(scan, estimate, again)
-            return again
+        if again.explained() >= config.found:  # one scan may be wrong: the next has to agree
+            self._candidate = Candidate(again.pose, prior)
         self._doubtful += 1
         if self._doubtful < config.lost_after:
             self._accept(scan, estimate, None)

@@ -1,6 +1,7 @@
 """Finding a lost robot again."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +15,19 @@ from knotwork.plugins.localizers.gauss_newton.starts import around
 _NEAR = (0.2, 0.2)  # [m, rad] around a place found once, for the scan that has to confirm it
 _CONFIRMING = 40  # starts there
 _GROWTH = 0.25  # of the first radius, a scan
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Where one scan may have been taken: pose (3,), and the prior (3,) of that scan."""
+
+    pose: F64
+    prior: F64
+
+    def confirm(self, chart: Map, scan: Scan, prior: F64, twist: F64 | None, settings: Settings) -> Found:
+        """Return the best pose near here for a later scan, whose prior says how the robot has moved since."""
+        moved = np.array(compose(self.pose.tolist(), relative(self.prior.tolist(), prior.tolist())))
+        return discover(chart, scan, around(moved, *_NEAR, _CONFIRMING), twist, settings)
 
 
 class Search:
@@ -39,18 +53,16 @@ class Search:
         self._radius = radius
         self._starts = starts
         self._enough = enough
-        self._place: tuple[F64, F64] | None = None  # found once: pose, and the prior of its scan
+        self._candidate: Candidate | None = None
         self.scans = 0
         self.quality = 0.0  # of the last try
 
     def try_scan(self, chart: Map, scan: Scan, prior: F64, twist: F64 | None, settings: Settings) -> Found | None:
         """Return where the robot is, once a second scan agrees."""
         self.scans += 1
-        if self._place is not None:
-            pose, then = self._place
-            moved = np.array(compose(pose.tolist(), relative(then.tolist(), prior.tolist())))
-            found = discover(chart, scan, around(moved, *_NEAR, _CONFIRMING), twist, settings)
-            self._place = None
+        if self._candidate is not None:
+            found = self._candidate.confirm(chart, scan, prior, twist, settings)
+            self._candidate = None
             self.quality = found.explained()
             if self.quality >= self._enough:
                 return found
@@ -61,5 +73,5 @@ class Search:
         found = discover(chart, scan, starts, twist, settings)
         self.quality = found.explained()
         if self.quality >= self._enough:
-            self._place = found.pose, prior
+            self._candidate = Candidate(found.pose, prior)
         return None
