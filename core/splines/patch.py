@@ -7,6 +7,7 @@ value b(tx)^T C b(ty), slopes b'(tx)^T C b(ty) and b(tx)^T C b'(ty), thesis (4.1
 Divide slopes by the knot interval.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from knotwork.core.splines.vectors import (
     load_row,
     multiply_add,
     polynomials,
+    rounded_down,
     spread,
     store_row,
 )  # fmt: skip
@@ -44,7 +46,9 @@ def _load_split(builder: Values, data: Values, offset: Values, right: Values, sp
     for k in range(4):
         start = builder.select(builder.icmp_signed("<", INT(k), split), offset, beyond)
         value = builder.load(builder.gep(data, [builder.add(start, INT(k))]))
-        if value.type != DOUBLE:
+        if isinstance(value.type, ir.IntType):
+            value = builder.sitofp(value, DOUBLE)
+        elif value.type != DOUBLE:
             value = builder.fpext(value, DOUBLE)
         row = builder.insert_element(row, value, LANE(k))
     return row
@@ -101,6 +105,32 @@ def _split_rows(
     return types.UniTuple(types.float64, 3)(*kinds), generate  # type: ignore[no-untyped-call]
 
 
+_GOLDEN = 0.6180339887498949  # its multiples are spread evenly
+
+
+def _shares(builder: Values, dither: Values, row: int) -> Values:
+    """Return four numbers in [0, 1), spread evenly among the sixteen of a patch."""
+    steps = ir.Constant(FOUR, [((4 * row + lane) * _GOLDEN) % 1.0 for lane in range(4)])
+    sums = builder.fadd(spread(builder, dither), steps)
+    return builder.fsub(sums, rounded_down(builder, sums))
+
+
+@intrinsic
+def _element(_typing: Any, pool: Any, value: Any, dither: Any) -> Any:
+    """Return the value as an element of the pool; if those are whole numbers, the floor of value + dither."""
+
+    def generate(context: Any, builder: Values, signature: Any, args: Any) -> Values:
+        element = signature.args[0].dtype
+        value = args[1]
+        if not isinstance(element, types.Integer):
+            return context.cast(builder, value, types.float64, element)
+        floor = builder.module.declare_intrinsic("llvm.floor", [DOUBLE])
+        value = builder.call(floor, [builder.fadd(value, args[2])])
+        return builder.fptosi(value, context.get_value_type(element))
+
+    return pool.dtype(pool, types.float64, types.float64), generate
+
+
 @intrinsic
 def _add_to_rows(
     _typing: Any,
@@ -114,13 +144,15 @@ def _add_to_rows(
     amount: Any,
     low: Any,
     high: Any,
+    dither: Any,
 ) -> Any:
     """Add amount b(tx) b(ty)^T to four contiguous rows, keeping every element within [low, high]."""
 
     def generate(context: Any, builder: Values, signature: Any, args: Any) -> Values:
         element = signature.args[0].dtype
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        tx, ty, amount, low, high = args[5:10]
+        tx, ty, amount, low, high, dither = args[5:11]
+        whole = isinstance(element, types.Integer)
         along = polynomials(builder, WEIGHTS, tx)
         across = builder.fmul(polynomials(builder, WEIGHTS, ty), spread(builder, amount), flags=FLAGS)
         floor, ceiling = spread(builder, low), spread(builder, high)
@@ -130,10 +162,12 @@ def _add_to_rows(
             row = multiply_add(builder, factor, across, load_row(builder, data, element, offset))
             row = builder.select(builder.fcmp_ordered("<", row, floor), floor, row)
             row = builder.select(builder.fcmp_ordered(">", row, ceiling), ceiling, row)
+            if whole:
+                row = rounded_down(builder, builder.fadd(row, _shares(builder, dither, k)))
             store_row(builder, data, element, offset, row)
         return context.get_dummy_value()
 
-    kinds = (pool, *(types.int64,) * 4, *(types.float64,) * 5)
+    kinds = (pool, *(types.int64,) * 4, *(types.float64,) * 6)
     return types.void(*kinds), generate
 
 
@@ -187,23 +221,26 @@ def cubic_value(pool: Array, directory: Array, oi: int, oj: int, i: int, j: int,
 @inlined
 def cubic_add(
     pool: Array, directory: Array, oi: int, oj: int, i: int, j: int, tx: float, ty: float,
-    amount: float, low: float, high: float,
+    amount: float, low: float, high: float, dither: float,
 ) -> None:  # fmt: skip
     """Add `amount` times the 16 weights to the claimed patch at (i, j), each point kept in [low, high].
 
     The minimum-norm update (7.14) that raises the surface by e is amount = e / `cubic_norm(tx, ty)`.
+    Where elements are whole numbers each is rounded up or down, by a share in [0, 1) that is the fraction of `dither`
+    plus another for each of the 16: over calls with evenly spread `dither` the sums are right on average. Floats
+    ignore it.
     """
     if in_one_tile(i, j, 4):
         o = (slot_of(directory, oi, oj, i, j) << (2 * BITS)) + ((i & MASK) << BITS) + (j & MASK)
-        _add_to_rows(pool, o, o + SIDE, o + 2 * SIDE, o + 3 * SIDE, tx, ty, amount, low, high)  # type: ignore
+        _add_to_rows(pool, o, o + SIDE, o + 2 * SIDE, o + 3 * SIDE, tx, ty, amount, low, high, dither)  # type: ignore
     else:
-        _add_across(pool, directory, oi, oj, i, j, tx, ty, amount, low, high)
+        _add_across(pool, directory, oi, oj, i, j, tx, ty, amount, low, high, dither)
 
 
 @kernel
 def _add_across(
     pool: Array, directory: Array, oi: int, oj: int, i: int, j: int, tx: float, ty: float,
-    amount: float, low: float, high: float,
+    amount: float, low: float, high: float, dither: float,
 ) -> None:  # fmt: skip
     """Do the same for a patch over two or four tiles."""
     along = cubic(tx)
@@ -215,7 +252,9 @@ def _add_across(
         right = np.uint64(slot_of(directory, oi, oj, i + k, j + 3))
         for n in range(4):
             slot, b = left if n < middle else right, np.uint64((j + n) & MASK)
-            pool[slot, a, b] = min(max(pool[slot, a, b] + amount * along[k] * across[n], low), high)
+            value = min(max(pool[slot, a, b] + amount * along[k] * across[n], low), high)
+            share = dither + (4 * k + n) * _GOLDEN
+            pool[slot, a, b] = _element(pool, value, share - math.floor(share))  # type: ignore
 
 
 @inlined

@@ -47,7 +47,7 @@ def cubic_update(
         mx, tx = locate(points[k, 0], ox, sx)
         my, ty = locate(points[k, 1], oy, sy)
         amount = amounts[k] / cubic_norm(tx, ty)
-        cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, low, high)
+        cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, low, high, 0.0)
 
 
 @kernel

@@ -7,6 +7,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core.cgutils import get_or_insert_function
 
 FLAGS = ("contract", "reassoc", "arcp", "nsz")
 DOUBLE = ir.DoubleType()
@@ -61,6 +62,12 @@ def combine(builder: Values, weights: Values, rows: list[Values]) -> Values:
     return result
 
 
+def rounded_down(builder: Values, row: Values) -> Values:
+    """Return the floor of each lane."""
+    floor = get_or_insert_function(builder.module, ir.FunctionType(FOUR, [FOUR]), "llvm.floor.v4f64")
+    return builder.call(floor, [row])
+
+
 def dot(builder: Values, a: Values, b: Values) -> Values:
     """Return the scalar product of two vectors."""
     product = builder.fmul(a, b, flags=FLAGS)
@@ -73,17 +80,30 @@ def dot(builder: Values, a: Values, b: Values) -> Values:
 
 def load_row(builder: Values, data: Values, element: Any, offset: Values) -> Values:
     """Load four neighbours at element `offset` of the flat array as doubles."""
-    size, kind = (4, ir.FloatType()) if element == types.float32 else (8, DOUBLE)
+    size, kind = _element(element)
     place = builder.bitcast(builder.gep(data, [offset]), ir.VectorType(kind, 4).as_pointer())
     row = builder.load(place, align=size)
+    if isinstance(kind, ir.IntType):
+        return builder.sitofp(row, FOUR)
     return builder.fpext(row, FOUR) if size == 4 else row
 
 
 def store_row(builder: Values, data: Values, element: Any, offset: Values, row: Values) -> None:
-    """Store four doubles as neighbours from element `offset` on."""
-    size, kind = (4, ir.FloatType()) if element == types.float32 else (8, DOUBLE)
+    """Store four doubles as neighbours from element `offset` on; whole numbers if the elements are."""
+    size, kind = _element(element)
     place = builder.bitcast(builder.gep(data, [offset]), ir.VectorType(kind, 4).as_pointer())
-    builder.store(builder.fptrunc(row, ir.VectorType(kind, 4)) if size == 4 else row, place, align=size)
+    if isinstance(kind, ir.IntType):
+        row = builder.trunc(builder.fptosi(row, ir.VectorType(LANE, 4)), ir.VectorType(kind, 4))
+    elif size == 4:
+        row = builder.fptrunc(row, ir.VectorType(kind, 4))
+    builder.store(row, place, align=size)
+
+
+def _element(element: Any) -> tuple[int, Values]:
+    """Return size [bytes] and LLVM's type of an element of an array."""
+    if isinstance(element, types.Integer):
+        return element.bitwidth // 8, ir.IntType(element.bitwidth)
+    return (4, ir.FloatType()) if element == types.float32 else (8, DOUBLE)
 
 
 def transposed(builder: Values, rows: list[Values]) -> list[Values]:

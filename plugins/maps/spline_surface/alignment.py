@@ -9,8 +9,6 @@ from knotwork.core.robust import CODES
 from knotwork.core.splines import TiledArray
 from knotwork.plugins.maps.spline_surface import kernels
 
-EXPLAINED = 0.5  # [log-odds] a beam that ends where the surface is higher is explained by the map
-
 
 class SurfaceAlignment(Alignment):
     """A prepared scan; holds on to the map's surfaces, so it sees what is fused meanwhile.
@@ -22,7 +20,9 @@ class SurfaceAlignment(Alignment):
     surfaces, steps
         Control points and knot interval [m] of each level.
     clamp, sigma
-        Of the residual (1 - s / clamp) / sigma.
+        Of the residual (1 - s / clamp) / sigma; clamp in the unit of the control points.
+    explained
+        In the same unit: a beam that ends where the surface is higher is explained by the map.
     most
         More beams than this count as this many.
     """
@@ -34,6 +34,7 @@ class SurfaceAlignment(Alignment):
         steps: tuple[float, ...],
         clamp: float,
         sigma: float,
+        explained: float,
         most: float,
     ) -> None:
         self.beams = beams
@@ -44,6 +45,7 @@ class SurfaceAlignment(Alignment):
         self._steps = steps
         self._clamp = clamp
         self._sigma = sigma
+        self._explained = explained
         self._weight = min(1.0, most / self._n) if self._n else 1.0
 
     def normal_equations(self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> NormalEquations:
@@ -77,4 +79,4 @@ class SurfaceAlignment(Alignment):
         if not self._n:
             return 0.0
         arrays = self._surfaces[level].arrays()
-        return kernels.explained(*arrays, self._steps[level], self._points, pose, EXPLAINED) / self._n
+        return kernels.explained(*arrays, self._steps[level], self._points, pose, self._explained) / self._n

@@ -1,8 +1,9 @@
 """Loops over the beams of a scan against one level: cost, normal equations, update.
 
 A level is a cubic B-spline surface with the knot interval `step` [m] and first knots at the origin; its
-control points come as `TiledArray.arrays()`. Residual of a beam that ends at tau: r = (1 - s(tau) / clamp)
-/ sigma, its Jacobian with respect to the robot's pose (7.21), mended. `weight` is the effective-beam factor.
+control points come as `TiledArray.arrays()`. They, `clamp`, `hit` and `free` are whole or real numbers of one
+unit of log-odds. Residual of a beam that ends at tau: r = (1 - s(tau) / clamp) / sigma, its Jacobian with
+respect to the robot's pose (7.21), mended. `weight` is the effective-beam factor.
 """
 
 import math
@@ -21,7 +22,10 @@ from knotwork.core.splines.tiles import claim_patch, in_one_tile, slot_of
 Array = NDArray[Any]
 
 _LARGE = 1e200
-_KNOWN = 1e-3  # [log-odds] nothing has been said of a place whose value is nearer to zero
+_KNOWN = 1.25e-4  # of clamp: nothing has been said of a place whose value is nearer to zero
+# Two steps of an even spread in the square (R2 sequence, after the plastic number): by beam and by sample.
+_BY_BEAM = 0.7548776662466927
+_BY_SAMPLE = 0.5698402909980532
 
 
 @kernel
@@ -36,6 +40,7 @@ def normal_equations(
     per_sigma = 1.0 / sigma
     per_value = per_sigma / clamp
     slope = -per_value / step
+    known = _KNOWN * clamp
     h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = cost = 0.0
     used = 0
     product = 1.0
@@ -57,7 +62,7 @@ def normal_equations(
         else:
             rho, w = loss_terms(loss, r * r, scale)
             cost += rho
-        if abs(value) > _KNOWN:
+        if abs(value) > known:
             used += 1
         gx, gy = across(points, k, c, s, gx, gy)
         jx = gx * slope
@@ -150,7 +155,7 @@ def jacobian(
 def explained(
     pool: Array, directory: Array, oi: int, oj: int, step: float, points: Array, pose: Array, threshold: float
 ) -> int:
-    """Return how many points lie where the surface is above `threshold` [log-odds]."""
+    """Return how many points lie where the surface is above `threshold`."""
     c = math.cos(pose[2])
     s = math.sin(pose[2])
     count = 0
@@ -179,9 +184,11 @@ def _missing(directory: Array, oi: int, oj: int, i: int, j: int) -> bool:
 def fuse(
     pool: Array, directory: Array, oi: int, oj: int, step: float, rays: Array, pose: Array,
     hit: float, free: float, clamp: float, nearest: float, free_step: float, margin: float, no_return: float,
-    first: int, sample: int, used: int,
+    dither: float, first: int, sample: int, used: int,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Fuse rays: first what is free along all of them, then where they ended.
+
+    Changes are rounded to whole units up or down, see `cubic_add`; another `dither` for each scan.
 
     The directory covers them all. Tiles are claimed from the pool's reserve; when it runs out, the return
     value `(first, sample, used)` says where to go on; done when `first` is 2 k.
@@ -210,7 +217,8 @@ def fuse(
                     if used > capacity:
                         return number, n, used
                 amount = -free / cubic_norm(tx, ty)
-                cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp)
+                share = dither + number * _BY_BEAM + n * _BY_SAMPLE
+                cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp, share)
             sample = 0
         elif ended:
             mx, tx = locate(ox + length * ux, 0.0, step)
@@ -221,5 +229,6 @@ def fuse(
             room = clamp - cubic_value(pool, directory, oi, oj, mx - 3, my - 3, tx, ty)
             if room > 0.0:  # a wall that is certain does not get thicker
                 amount = min(hit, room) / cubic_norm(tx, ty)
-                cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp)
+                share = dither + number * _BY_BEAM
+                cubic_add(pool, directory, oi, oj, mx - 3, my - 3, tx, ty, amount, -clamp, clamp, share)
     return 2 * k, 0, used

@@ -17,9 +17,16 @@ from knotwork.core.splines.tiles import SIDE
 from knotwork.plugins.maps.spline_surface import SplineSurfaceOptions, kernels
 from knotwork.plugins.maps.spline_surface.alignment import SurfaceAlignment
 
+UNITS = 127  # clamp in units of a control point
+_GOLDEN = 0.6180339887498949  # its multiples are spread evenly
+EXPLAINED = 0.5  # [log-odds] a beam that ends where the surface is higher is explained by the map
+
 
 class SplineSurface(PlaneMap):
     """Surfaces s of log-odds, in [-clamp, clamp] at their control points (7.15).
+
+    Control points are whole numbers of clamp / 127, one byte each. A change is rounded up or down in turns, so that
+    it is right on average, however small.
 
     A beam that ends at tau raises s(tau) by `hit`, to `clamp` at most, with the least change of control
     points (7.14). Samples before the end lower s by `free` in the same way (7.2, mended: they stop `margin`
@@ -27,12 +34,14 @@ class SplineSurface(PlaneMap):
     """
 
     kind = "spline-surface"
+    version = 2  # 1: control points were float32 log-odds
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         options = context.options or SplineSurfaceOptions()
         self.options: SplineSurfaceOptions = options
-        self.surfaces = [TiledArray() for _ in self.config.resolution]
+        self.unit = self.config.clamp / UNITS  # [log-odds]
+        self.surfaces = [TiledArray(np.int8) for _ in self.config.resolution]
         self._fused = 0
         self._last: F64 | None = None  # pose of the last fused scan
 
@@ -40,7 +49,7 @@ class SplineSurface(PlaneMap):
         """Compile all kernels on a scan of two beams."""
         spare = SplineSurface.__new__(SplineSurface)
         spare.__dict__.update(self.__dict__)
-        spare.surfaces = [TiledArray() for _ in self.config.resolution]
+        spare.surfaces = [TiledArray(np.int8) for _ in self.config.resolution]
         scan = Scan(
             stamp=0, scan_id=0, ranges=np.array([1.0, np.inf], np.float32), angle_min=0.0, angle_increment=1.0,
             range_min=0.0, range_max=2.0,
@@ -61,7 +70,9 @@ class SplineSurface(PlaneMap):
         config, options = self.config, self.options
         if not options.normals:
             beams.points[:, 2:] = 0.0
-        return SurfaceAlignment(beams, self.surfaces, config.resolution, config.clamp, options.sigma, options.beams)
+        return SurfaceAlignment(
+            beams, self.surfaces, config.resolution, float(UNITS), options.sigma, EXPLAINED / self.unit, options.beams
+        )
 
     def update(self, scan: Scan, pose: F64, alignment: Alignment | None = None, fuse: bool = True) -> None:
         """Fuse `scan` taken at robot `pose` (3,); nothing with `fuse=False` or `fuse: false` in the config."""
@@ -75,7 +86,8 @@ class SplineSurface(PlaneMap):
         if not len(rays):
             return
         config, options = self.config, self.options
-        weight = self._weight(pose)
+        weight = self._weight(pose) / self.unit
+        dither = self._fused * _GOLDEN % 1.0
         reach = self._reach(rays)
         x, y = float(pose[0]), float(pose[1])
         for surface, step in zip(self.surfaces, config.resolution, strict=True):
@@ -87,9 +99,9 @@ class SplineSurface(PlaneMap):
             first, sample, used = 0, 0, surface.used
             while first < 2 * len(rays):
                 first, sample, used = kernels.fuse(
-                    *surface.arrays(), step, rays, pose, weight * config.hit, weight * config.free, config.clamp,
+                    *surface.arrays(), step, rays, pose, weight * config.hit, weight * config.free, float(UNITS),
                     config.range_min, options.free_step * step, margin, options.free_no_return,
-                    first, sample, used,
+                    dither, first, sample, used,
                 )  # fmt: skip
                 surface.commit(used)
         self._fused += 1
@@ -117,7 +129,7 @@ class SplineSurface(PlaneMap):
         """Return 2 p - 1 at `points` (n, 2), p the probability of the finest level's log-odds; shape (n,)."""
         step = self.config.resolution[-1]
         rows = np.ascontiguousarray(points, np.float64)
-        return np.tanh(0.5 * cubic_values(*self.surfaces[-1].arrays(), 0.0, 0.0, step, step, rows))
+        return np.tanh(0.5 * self.unit * cubic_values(*self.surfaces[-1].arrays(), 0.0, 0.0, step, step, rows))
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return the box (x0, y0, x1, y1) [m] of the finest level's tiles."""
@@ -139,12 +151,18 @@ class SplineSurface(PlaneMap):
         return facts, arrays
 
     def restore(self, facts: dict[str, Any], arrays: Arrays) -> None:
-        """Replace the map."""
+        """Replace the map; float32 log-odds of version 1 are rounded to units."""
         surfaces = []
         for level in range(self.levels):
             where, tiles = arrays[f"where{level}"], arrays[f"tiles{level}"]
-            if where.shape != (len(tiles), 2) or tiles.shape[1:] != (SIDE, SIDE) or tiles.dtype != np.float32:
+            if (
+                where.shape != (len(tiles), 2)
+                or tiles.shape[1:] != (SIDE, SIDE)
+                or tiles.dtype not in (np.int8, np.float32)
+            ):
                 raise ValueError(f"tiles of level {level} have shapes {where.shape} and {tiles.shape}")
+            if tiles.dtype == np.float32:
+                tiles = np.clip(np.rint(tiles / self.unit), -UNITS, UNITS).astype(np.int8)
             surfaces.append(TiledArray.from_claimed(where, tiles))
         self._fused = int(facts["fused"])
         self.surfaces = surfaces
