@@ -100,5 +100,5 @@ def test_a_map_of_another_plugin_is_one_clear_line(knotwork, mapped, data, tmp_p
     arguments = [part for one in settings for part in ("--set", one)]
     done = knotwork("run", CONFIG, *arguments, "--out", tmp_path)
     assert done.returncode == 2
-    assert "holds a spline-surface map of version 1, expected grid" in done.stderr
+    assert "holds a spline-surface map of version 2, expected grid" in done.stderr
     assert "Traceback" not in done.stderr

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from knotwork.core.conformance import RecordingContext
+from knotwork.core.map_file import write_map
 from knotwork.core.messages import Scan
 from knotwork.plugins.maps.spline_surface import MANIFEST
 from knotwork.plugins.maps.spline_surface.map import SplineSurface
@@ -32,19 +33,42 @@ def log_odds(chart, points):
     return 2 * np.arctanh(chart.occupancy(np.array(points, float)))
 
 
-def test_one_hit_raises_the_surface_by_exactly_hit_where_the_beam_ended(surface):
-    """(7.14) is the smallest change of control points that does so."""
-    chart = surface(hit=1.3, free=0.0, resolution=[0.2, 0.05])
-    chart.update(scan([2.0]), np.array([0.11, -0.07, 0.3]))
+def raised(chart, beams=400):
+    """Let beams of one scan end 0.5 m apart, each on untouched ground; return what they raised the surface by."""
+    ranges = 2.0 + 0.5 * np.arange(beams)
+    chart.update(scan(ranges, angle_increment=0.0, range_max=1000.0), np.array([0.11, -0.07, 0.3]))
+    ends = np.array([0.11, -0.07]) + ranges[:, None] * [np.cos(0.3), np.sin(0.3)]
+    return log_odds(chart, ends)
+
+
+def test_one_hit_raises_the_surface_by_hit_where_the_beam_ended(surface):
+    """(7.14) is the smallest change of control points that does so; each of those is rounded to a whole unit."""
+    chart = surface(hit=1.3, free=0.0, resolution=[0.2, 0.05], range_max=300.0)
+    found = raised(chart)
+    assert np.abs(found - 1.3).max() < chart.unit
+    assert found.mean() == pytest.approx(1.3, rel=1e-3)
+
+
+def test_changes_much_smaller_than_a_unit_are_right_on_average(surface):
+    chart = surface(hit=0.02, free=0.0, resolution=[0.2, 0.05], range_max=300.0)
+    assert chart.unit == pytest.approx(8.0 / 127)
+    assert raised(chart).mean() == pytest.approx(0.02, rel=0.03)
+
+
+def test_small_changes_of_one_place_add_up(surface):
+    """Over scans: each is rounded otherwise."""
+    chart = surface(hit=0.02, free=0.0, resolution=[0.2, 0.05], range_max=300.0)
+    for _ in range(150):
+        chart.update(scan([2.0]), np.array([0.11, -0.07, 0.3]))
     end = [[0.11 + 2.0 * np.cos(0.3), -0.07 + 2.0 * np.sin(0.3)]]
-    assert log_odds(chart, end) == pytest.approx([1.3], rel=1e-5)
+    assert log_odds(chart, end) == pytest.approx([3.0], rel=0.02)
 
 
 def test_hits_add_up_until_the_clamp(surface):
     chart = surface(hit=1.0, free=0.0, clamp=8.0)
     for _ in range(3):
         chart.update(scan([2.0]), np.zeros(3))
-    assert log_odds(chart, [[2.0, 0.0]]) == pytest.approx([3.0], rel=1e-5)
+    assert log_odds(chart, [[2.0, 0.0]]) == pytest.approx([3.0], abs=chart.unit)
     for _ in range(200):
         chart.update(scan([2.0]), np.zeros(3))
     # each control point is clamped, so the surface never exceeds the clamp
@@ -100,3 +124,18 @@ def test_memory_follows_the_explored_area(surface):
             chart.update(room, np.array([d * 0.7071, d * 0.7071, 0.0]))  # diagonally
         sizes.append(chart.nbytes)
     assert 1.6 < sizes[1] / sizes[0] < 2.4
+
+
+def test_a_file_of_float_control_points_is_read(surface, tmp_path):
+    """Maps were saved so before control points took one byte: version 1."""
+    chart = surface(clamp=8.0)
+    for _ in range(5):
+        chart.update(scan(np.linspace(2.0, 3.0, 60), angle_min=-0.3), np.zeros(3))
+    facts, arrays = chart.stored()
+    old = {name: a * np.float32(chart.unit) if name.startswith("tiles") else a for name, a in arrays.items()}
+    path = tmp_path / "old.map"
+    write_map(path, "spline-surface", 1, facts | {"config": {}}, old)
+    again = surface(clamp=8.0)
+    again.load(path)
+    for level, tiles in enumerate(again.surfaces):
+        np.testing.assert_array_equal(tiles.claimed()[1], chart.surfaces[level].claimed()[1])
