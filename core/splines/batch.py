@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.cgutils import get_or_insert_function
 from numba.extending import intrinsic
 
 from knotwork.core.kernel import inlined, kernel
@@ -32,6 +31,7 @@ from knotwork.core.splines.vectors import (
     lanes,
     load_row,
     multiply_add,
+    rounded_down,
     spread,
     store_row,
     transposed,
@@ -79,8 +79,7 @@ def _locate_two(_typing: Any, points: Any, at: Any, ox: Any, oy: Any, nx: Any, n
             first = builder.insert_element(first, args[2 + lane % 2], LANE(lane))
             per_step = builder.insert_element(per_step, args[4 + lane % 2], LANE(lane))
         quotient = builder.fmul(builder.fsub(row, first, flags=FLAGS), per_step, flags=FLAGS)
-        floor = get_or_insert_function(builder.module, ir.FunctionType(FOUR, [FOUR]), "llvm.floor.v4f64")  # type: ignore
-        whole = builder.call(floor, [quotient])
+        whole = rounded_down(builder, quotient)
         offset = builder.shl(args[8], INT(1))
         store_row(builder, places, types.float64, offset, builder.fsub(quotient, whole, flags=FLAGS))
         wide = ir.VectorType(INT, 4)

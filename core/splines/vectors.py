@@ -64,7 +64,7 @@ def combine(builder: Values, weights: Values, rows: list[Values]) -> Values:
 
 def rounded_down(builder: Values, row: Values) -> Values:
     """Return the floor of each lane."""
-    floor = get_or_insert_function(builder.module, ir.FunctionType(FOUR, [FOUR]), "llvm.floor.v4f64")
+    floor = get_or_insert_function(builder.module, ir.FunctionType(FOUR, [FOUR]), "llvm.floor.v4f64")  # type: ignore
     return builder.call(floor, [row])
 
 
@@ -101,8 +101,8 @@ def store_row(builder: Values, data: Values, element: Any, offset: Values, row: 
 
 def _element(element: Any) -> tuple[int, Values]:
     """Return size [bytes] and LLVM's type of an element of an array."""
-    if isinstance(element, types.Integer):
-        return element.bitwidth // 8, ir.IntType(element.bitwidth)
+    if element == types.int8:
+        return 1, ir.IntType(8)
     return (4, ir.FloatType()) if element == types.float32 else (8, DOUBLE)
 
 
