@@ -213,7 +213,7 @@ class Run:
             time, seq = self._dispatcher.time, self._dispatcher.seq
             last = Statistics(stamp=time, data=self.statistics(histograms=True), final=True).sealed(time, seq)
             for worker in self._statistics.sinks:
-                worker.put(self._statistics.name, last)
+                worker.put(self._statistics.name, last, last.nbytes)
         for name, worker in self._assembly.workers.items():
             if name in self._opened and not worker.finish(_DRAIN_TIMEOUT):
                 self.report(name, "error", f"not done within {_DRAIN_TIMEOUT:.0f} s; its last messages are lost")
