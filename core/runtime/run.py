@@ -204,8 +204,8 @@ class Run:
         """Let estimators give their last messages, then sinks write everything out."""
         self._dispatcher.close()
         failed = self._failure.node if isinstance(self._failure, NodeError) else None
-        for name in self._opened:
-            if name not in self._assembly.workers and name != failed:
+        for name in self.graph.finish_order:
+            if name in self._opened and name not in self._assembly.workers and name != failed:
                 self._on_the_way_out(name, self._assembly.nodes[name].finish)
                 self._on_the_way_out(name, self._dispatcher.drain)
         self._on_the_way_out(RUNTIME, self._dispatcher.drain)
