@@ -71,7 +71,7 @@ class Node:
         """Stop everything that moves; called first when a run ends, also after a failure."""
 
     def finish(self) -> None:
-        """Give last messages: sources have stopped, everything before has been handled."""
+        """Give last messages: sources have stopped, everything before has been handled, all users have finished."""
 
     def close(self) -> None:
         """Release devices and files; called once, also after a failure."""

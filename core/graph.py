@@ -76,6 +76,22 @@ class Graph:
     cycles: tuple[tuple[str, ...], ...]
     clock: str
 
+    @property
+    def finish_order(self) -> tuple[str, ...]:
+        """Node names such that a used node comes after all its users, whose last work it is to have."""
+        found: list[str] = []
+
+        def visit(name: str) -> None:
+            if name not in found:
+                for use in self.uses:
+                    if use.target == name:
+                        visit(use.node)
+                found.append(name)
+
+        for name in self.order:
+            visit(name)
+        return tuple(found)
+
 
 def build(pipeline: "Pipeline") -> Graph:
     """Wire a pipeline.

@@ -8,6 +8,7 @@ of the `mcap` package write the rare records; messages and indexes, the many, ar
 import os
 import struct
 import zlib
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, Protocol
 
@@ -35,8 +36,8 @@ Compression = Literal["zstd", "lz4", "none"]
 
 # opcode, length; then channel, sequence, log time, publish time
 _MESSAGE = struct.Struct("<BQHIQQ")
-_MESSAGE_SIZE = _MESSAGE.size
-_MESSAGE_FIXED = _MESSAGE_SIZE - 9  # of it, what the record's length counts
+_MESSAGE_FIXED = _MESSAGE.size - 9  # of it, what the record's length counts
+_pack_message = _MESSAGE.pack
 
 
 class File(Protocol):
@@ -107,7 +108,7 @@ class McapWriter:
         """Add a schema; return its id."""
         record = _record(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._schemas.append(record)
-        self._definitions += record
+        self._define(record)
         return len(self._schemas)
 
     def register_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
@@ -117,7 +118,7 @@ class McapWriter:
             Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=dict(metadata))
         )
         self._channels.append(record)
-        self._definitions += record
+        self._define(record)
         return number
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
@@ -150,9 +151,12 @@ class McapWriter:
         OSError
             This message completed a chunk that could not be written.
         """
-        self._messages.append((channel, log_time, publish_time, sequence & 0xFFFFFFFF, data))
-        self._bytes += _MESSAGE_SIZE + len(data)
-        if self._bytes >= self._chunk_size:
+        size = _MESSAGE_FIXED + len(data)
+        records = self._records
+        self._indexes[channel] += (log_time, len(records))
+        records += _pack_message(5, size, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
+        records += data
+        if len(records) >= self._chunk_size:
             self.flush()
 
     def flush(self) -> None:
@@ -163,7 +167,7 @@ class McapWriter:
         OSError
             It could not be written; its messages are dropped.
         """
-        if not (self._messages or self._loose):
+        if not (self._indexes or self._loose):
             return
         try:
             self._flush()
@@ -204,20 +208,24 @@ class McapWriter:
         self._write(end + summary + footer + MAGIC)
 
     def _new_chunk(self) -> None:
-        self._messages: list[tuple[int, int, int, int, bytes]] = []  # as `add` was given them
-        self._bytes = 0
+        self._records = bytearray(self._definitions)  # of the chunk in progress
+        self._indexes: defaultdict[int, list[int]] = defaultdict(list)  # channel: log time, offset, log time, ...
+
+    def _define(self, record: bytes) -> None:
+        self._definitions += record
+        self._records += record
 
     def _flush(self) -> None:
-        n = len(self._messages)
+        indexes = self._indexes
+        n = sum(map(len, indexes.values())) // 2
         definitions = self._definitions if n else b""
         blob = [self._loose, definitions]
         base = self.size + len(self._loose) + len(definitions)
         chunk_index = b""
-        indexes: dict[int, list[int]] = {}  # channel: log time, offset, log time, offset, ...
         if n:
-            raw, indexes = self._pack(definitions)
-            times = [message[1] for message in self._messages]
-            first, last = min(times), max(times)
+            raw = self._records
+            first = min(min(index[::2]) for index in indexes.values())
+            last = max(max(index[::2]) for index in indexes.values())
             data = self._compress(raw)
             name = self._compression.encode()
             head = struct.pack(
@@ -256,23 +264,6 @@ class McapWriter:
                 self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
             self._start = first if self._start is None else min(self._start, first)
             self._end = max(self._end, last)
-
-    def _pack(self, definitions: bytes) -> tuple[bytes, dict[int, list[int]]]:
-        """Return the chunk's records, and of each channel log times and offsets within them in turn."""
-        parts = [definitions]
-        indexes: dict[int, list[int]] = {}
-        at = len(definitions)
-        for channel, log_time, publish_time, sequence, data in self._messages:
-            size = len(data)
-            parts.append(_MESSAGE.pack(5, _MESSAGE_FIXED + size, channel, sequence, log_time, publish_time))
-            parts.append(data)
-            index = indexes.get(channel)
-            if index is None:
-                index = indexes[channel] = []
-            index.append(log_time)
-            index.append(at)
-            at += _MESSAGE_SIZE + size
-        return b"".join(parts), indexes
 
     def _write(self, data: bytes) -> None:
         """Write all of `data`, or take the file back to where it was and raise."""
@@ -316,13 +307,13 @@ def _record(record: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-def _compressor(compression: Compression, level: int | None) -> Callable[[bytes], bytes]:
+def _compressor(compression: Compression, level: int | None) -> Callable[[bytes | bytearray], bytes]:
     if compression == "zstd":
         return zstandard.ZstdCompressor(level=1 if level is None else level).compress
     if compression == "lz4":
         strength = 0 if level is None else level
 
-        def compress(data: bytes) -> bytes:
+        def compress(data: bytes | bytearray) -> bytes:
             return bytes(lz4.frame.compress(data, compression_level=strength))
 
         return compress

@@ -119,8 +119,10 @@ class Dispatcher:
                     clocked.stop(histogram)
             for tap in self.taps:
                 tap(outlet.name, message)
-            for worker in outlet.sinks:
-                worker.put(outlet.name, message)
+            if outlet.sinks:
+                size = message.nbytes
+                for worker in outlet.sinks:
+                    worker.put(outlet.name, message, size)
 
     def _take(self, wait: float) -> None:
         entry = self._inbox.take(wait)

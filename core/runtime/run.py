@@ -204,8 +204,8 @@ class Run:
         """Let estimators give their last messages, then sinks write everything out."""
         self._dispatcher.close()
         failed = self._failure.node if isinstance(self._failure, NodeError) else None
-        for name in self._opened:
-            if name not in self._assembly.workers and name != failed:
+        for name in self.graph.finish_order:
+            if name in self._opened and name not in self._assembly.workers and name != failed:
                 self._on_the_way_out(name, self._assembly.nodes[name].finish)
                 self._on_the_way_out(name, self._dispatcher.drain)
         self._on_the_way_out(RUNTIME, self._dispatcher.drain)
@@ -213,7 +213,7 @@ class Run:
             time, seq = self._dispatcher.time, self._dispatcher.seq
             last = Statistics(stamp=time, data=self.statistics(histograms=True), final=True).sealed(time, seq)
             for worker in self._statistics.sinks:
-                worker.put(self._statistics.name, last)
+                worker.put(self._statistics.name, last, last.nbytes)
         for name, worker in self._assembly.workers.items():
             if name in self._opened and not worker.finish(_DRAIN_TIMEOUT):
                 self.report(name, "error", f"not done within {_DRAIN_TIMEOUT:.0f} s; its last messages are lost")

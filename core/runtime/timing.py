@@ -1,8 +1,14 @@
 """How long things take: nested spans, and histograms of constant size."""
 
+from collections.abc import Callable
 from math import log2
 from types import TracebackType
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+I64 = NDArray[np.int64]
 
 _PER_OCTAVE = 32  # buckets of 2.2 % width
 
@@ -29,6 +35,16 @@ class Histogram:
         bucket = int(log2(duration + 1) * _PER_OCTAVE)
         buckets = self._buckets
         buckets[bucket] = buckets.get(bucket, 0) + 1
+
+    def add_all(self, durations: I64, own: int) -> None:
+        """Add durations (n,) [ns], of which `own` in all is outside nested spans."""
+        self.n += len(durations)
+        self.total += int(durations.sum())
+        self.own += own
+        self.maximum = max(self.maximum, int(durations.max(initial=0)))
+        buckets = self._buckets
+        for bucket in (np.log2(durations + 1) * _PER_OCTAVE).astype(np.int64).tolist():
+            buckets[bucket] = buckets.get(bucket, 0) + 1
 
     def percentile(self, share: float) -> float:
         """Return the duration [ns] that `share` of all durations do not exceed."""
@@ -71,19 +87,28 @@ class Histogram:
 class Clocked:
     """Spans of one thread: entering one pauses the own time of the span around it."""
 
-    def __init__(self, monotonic: Any) -> None:
-        self._now = monotonic
+    def __init__(self, monotonic: Callable[[], int]) -> None:
+        self.now = monotonic
         self._stack: list[list[int]] = []  # start, time in nested spans
 
     def start(self) -> None:
         """Enter a span."""
-        self._stack.append([self._now(), 0])
+        self._stack.append([self.now(), 0])
 
     def stop(self, histogram: Histogram) -> None:
         """Leave the innermost span and add it to `histogram`."""
         start, nested = self._stack.pop()
-        duration = self._now() - start
+        duration = self.now() - start
         histogram.add(duration, duration - nested)
+        if self._stack:
+            self._stack[-1][1] += duration
+
+    def stop_each(self, histogram: Histogram, ends: list[int]) -> None:
+        """Leave the innermost span, which was many one after another: each ended [ns] where the next began."""
+        start, nested = self._stack.pop()
+        durations = np.diff(np.array([start, *ends]))
+        duration = int(durations.sum())
+        histogram.add_all(durations, duration - nested)
         if self._stack:
             self._stack[-1][1] += duration
 

@@ -160,7 +160,12 @@ def _time(stamp: int) -> Timestamp:
 
 
 def _transform(stamp: int, parent: str, child: str, at: NDArray[np.float64]) -> bytes:
-    return wire.stamp(1, stamp) + wire.text(2, parent) + wire.text(3, child) + wire.place(4, 5, *at.tolist())
+    return wire.stamp(1, stamp) + _frames(parent, child) + wire.place(4, 5, *at.tolist())
+
+
+@lru_cache(maxsize=64)
+def _frames(parent: str, child: str) -> bytes:
+    return wire.text(2, parent) + wire.text(3, child)
 
 
 def _colours() -> NDArray[np.uint32]:

@@ -104,9 +104,13 @@ class User(Observer):
     def on_twist(self, message: Twist) -> None:
         self.context.report("info", f"uses {self.context.uses['prior'].context.name}")
 
+    def finish(self) -> None:
+        self.context.report("info", f"last use of {self.context.uses['prior'].context.name}")
+
 
 class Nothing(Node):
-    pass
+    def finish(self) -> None:
+        self.context.report("info", f"{self.context.name} finishes")
 
 
 class Keeper(Sink):

@@ -19,7 +19,7 @@ def arguments(parser: Any) -> None:
         "--streams",
         nargs="+",
         metavar="PATTERN",
-        help="only streams (`node.port`, with their views) and topics like this, with * and ?",
+        help="only streams (`node.port`, with their views) and topics like this, with * and ?; /tf stays",
     )
     parser.add_argument("--output", type=Path, metavar="PATH", help="where to write instead of FILE.cut.mcap")
 
@@ -31,6 +31,8 @@ def run(arguments: Any) -> int:
         raise InputError("expected 0 <= --from < --to", where="--to")
 
     def wanted(channel: LogChannel) -> bool:
+        if channel.metadata.get("view") == "true" and "view_of" not in channel.metadata:
+            return True  # shared by streams: the frames without which no viewer places what is kept
         names = (channel.stream, channel.topic, channel.metadata.get("view_of", "").rpartition("/knotwork/")[2])
         return not patterns or any(
             fnmatchcase(name.replace("/", "."), p.replace("/", ".")) for name in names if name for p in patterns

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
@@ -155,6 +157,22 @@ def test_a_part_of_some_streams(log, tmp_path):
     assert about.run["config"]
 
 
+def test_some_streams_keep_the_frames_they_are_shown_in(log, tmp_path):
+    """Read by the `mcap` package and protobuf: the scans' frame has its place."""
+    output = tmp_path / "scans.mcap"
+    assert main(["log", "cut", str(log), "--streams", "sim.scan", "--output", str(output)]) == 0
+    parents, scans = {}, 0
+    with output.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            if channel.topic == "/tf":
+                transform = FrameTransform.FromString(message.data)
+                parents[transform.child_frame_id] = transform.parent_frame_id
+            elif channel.topic == "/sim/scan":
+                frame, scans = LaserScan.FromString(message.data).frame_id, scans + 1
+    assert scans > 5
+    assert parents == {frame: "odom"}  # nothing in this run says where `odom` is
+
+
 def test_parts_merged_are_the_whole(log, tmp_path):
     parts = [
         cut(log, tmp_path / f"{i}.mcap", wanted=lambda c, i=i: (c.topic.count("a") % 2) == i).path for i in range(2)
@@ -180,7 +198,7 @@ def test_the_commands(log, tmp_path, capsys):
     assert main([*argv, "--output", str(output)]) == 0
     topics = {c.topic for c, _ in Log(output).raw()}
     assert topics == {
-        "/knotwork/sim/scan", "/sim/scan", "/knotwork/prior/prior", "/prior/prior"
+        "/knotwork/sim/scan", "/sim/scan", "/knotwork/prior/prior", "/prior/prior", "/tf"
     }  # fmt: skip
     assert main(["log", "check", str(log), str(output)]) == 0
     assert main(["log", "check", str(damaged(log, tmp_path, "chunk", flip))]) == 1

@@ -25,7 +25,7 @@ def test_a_prompt_sink_does_not_wait_for_the_next_look(monkeypatch):
     worker.start()
     message = Odometry(stamp=0, pose=None)
     for _ in range(3):
-        worker.put("a.b", message)
+        worker.put("a.b", message, 0)
         assert came.wait(60)
         came.clear()
     assert worker.finish(10)

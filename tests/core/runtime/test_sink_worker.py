@@ -55,10 +55,10 @@ def start(monkeypatch):
 def test_bytes_are_bounded_and_the_first_drop_is_told(start):
     sink, told = Slow(), []
     worker = start(sink, 1000, "drop-oldest", lambda: told.append(worker.drops))
-    worker.put("camera.image", image(0))
+    worker.put("camera.image", image(0), 1000)
     assert sink.busy.wait(10)  # it has the first in its hand, which still counts
     for stamp in range(1, 50):
-        worker.put("camera.image", image(stamp))
+        worker.put("camera.image", image(stamp), 1000)
     assert worker.backlog == 4
     assert worker.drops == 45
     assert told == [1]
@@ -70,10 +70,10 @@ def test_bytes_are_bounded_and_the_first_drop_is_told(start):
 def test_small_messages_are_bounded_by_their_number(start):
     sink = Slow()
     worker = start(sink, 10, "drop-oldest")
-    worker.put("a.b", Twist(stamp=0, vx=0.0))
+    worker.put("a.b", Twist(stamp=0, vx=0.0), 0)
     assert sink.busy.wait(10)
     for stamp in range(1, 100):
-        worker.put("a.b", Twist(stamp=stamp, vx=0.0))
+        worker.put("a.b", Twist(stamp=stamp, vx=0.0), 0)
     assert (worker.backlog, worker.drops) == (10, 89)
 
 
@@ -83,7 +83,7 @@ def test_in_replay_the_run_waits_and_nothing_is_lost(start):
 
     def give():
         for stamp in range(50):
-            worker.put("camera.image", image(stamp))
+            worker.put("camera.image", image(stamp), 1000)
 
     giver = threading.Thread(target=give)
     giver.start()
@@ -101,7 +101,7 @@ def test_a_message_larger_than_the_bound_passes(start):
     sink = Slow()
     sink.let.set()
     worker = start(sink, 1000, "block")
-    worker.put("camera.image", Image(stamp=1, data=bytes(9000), encoding="mono8", width=90, height=100))
+    worker.put("camera.image", Image(stamp=1, data=bytes(9000), encoding="mono8", width=90, height=100), 9000)
     assert worker.finish(10)
     assert sink.taken == [1]
 
@@ -137,7 +137,7 @@ def test_a_failure_costs_its_own_message(bad, failures, drops):
     sink = Picky(bad)
     worker = SinkWorker(sink, 100, "block", monotonic_clocked(), histogram, lambda *it: told.append(it))
     for stamp in range(20):
-        worker.put("a.b", Twist(stamp=stamp, vx=0.0))
+        worker.put("a.b", Twist(stamp=stamp, vx=0.0), 0)
     worker.start()
     assert worker.finish(10)
     assert sink.taken == [stamp for stamp in range(20 - drops) if stamp not in bad]

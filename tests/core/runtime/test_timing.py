@@ -39,3 +39,29 @@ def test_counts_are_those_of_a_logarithmic_histogram():
     expected = [np.sum((durations + 1 >= edge * 2**-0.25 - 1e-6) & (durations + 1 < edge - 1e-6)) for edge in edges]
     assert [n for _, n in counts] == expected
     assert sum(n for _, n in counts) == 5_000
+
+
+def test_spans_one_after_another_count_as_if_each_had_been_timed():
+    ends = [15, 15, 40, 1_000_040]
+    ticks = iter([0, 10, 20, 28, 1_000_050])
+    clocked = Clocked(lambda: next(ticks))
+    outer, many, inner = Histogram(), Histogram(), Histogram()
+    clocked.start()
+    clocked.start()
+    clocked.start()
+    clocked.stop(inner)  # 8 ns within the third
+    clocked.stop_each(many, ends)
+    clocked.stop(outer)
+    single = Histogram()
+    for duration, own in ((5, 5), (0, 0), (25, 17), (1_000_000, 1_000_000)):
+        single.add(duration, own)
+    assert many.summary() == single.summary()
+    assert many.counts() == single.counts()
+    assert (outer.total, outer.own) == (1_000_050, 1_000_050 - 1_000_030)
+
+
+def test_no_span_at_all_counts_as_none():
+    clocked, histogram = Clocked(lambda: 7), Histogram()
+    clocked.start()
+    clocked.stop_each(histogram, [])
+    assert (histogram.n, histogram.total, histogram.maximum) == (0, 0, 0)
