@@ -99,9 +99,10 @@ class CurveAlignment(Alignment):
         out = np.empty((4, 3))
         cost = kernels.normal_equations(
             store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
-            pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
+            pose, found.heading, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
             CODES[loss], scale, out,
         )  # fmt: skip
+        kernels.discount(out, options.slope * options.slope)
         return NormalEquations(out[:3], out[3], cost, found.used, self._holdable(level))
 
     def _holdable(self, level: int) -> int:
@@ -139,7 +140,7 @@ class CurveAlignment(Alignment):
         residuals, rows = np.empty(2 * self._n), np.empty((2 * self._n, 3))
         kernels.jacobian(
             store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
-            pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._weight,
+            pose, found.heading, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._weight,
             residuals, rows,
         )  # fmt: skip
         return residuals, rows
