@@ -35,17 +35,14 @@ class Association:
     runs : shape (r, 5)
         First point, last point + 1, curve, offset from the cluster's length to the curve's parameter
         [knot intervals], cluster.
+    heading
+        Yaw at which the normals of the beams lie on those of the curves [rad].
     """
 
     run: NDArray[np.int32]
     feet: F64
     runs: F64
     heading: float
-
-    @property
-    def used(self) -> int:
-        """Points that met the map: on a curve, or where a curve says that nothing is."""
-        return int(np.count_nonzero(self.run != -1))
 
 
 def associate(store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, gate: float) -> Association:
@@ -57,16 +54,12 @@ def associate(store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, 
         store.control, store.table, store.step, lookup.cells, lookup.x0, lookup.y0, lookup.cell, lookup.samples,
         clusters.points, clusters.chord, clusters.starts, pose, gate, run, feet, runs,
     )  # fmt: skip
-    heading = heading_of(
-        store.control, store.table, clusters.points, run, feet, runs[:count], pose[2]
-    )
+    heading = heading_of(store.control, store.table, clusters.points, run, feet, runs[:count], pose[2])
     return Association(run, feet, runs[:count], heading)
 
 
 @kernel
-def heading_of(
-    control: Array, table: Array, points: Array, run: Array, feet: Array, runs: Array, yaw: float
-) -> float:
+def heading_of(control: Array, table: Array, points: Array, run: Array, feet: Array, runs: Array, yaw: float) -> float:
     """Return the yaw near `yaw` at which the normals of the beams lie on those of the curves, on the mean."""
     c = math.cos(yaw)
     s = math.sin(yaw)

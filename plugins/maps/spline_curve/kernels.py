@@ -48,7 +48,11 @@ def _row(
 
 @inlined
 def _across(points: Array, i: int, c: float, s: float, gx: float, gy: float) -> tuple[float, float]:
-    """Return the part of a gradient across the surface that the beams around point `i` hit; all where they see none."""
+    """Return the part of a gradient across the surface that the beams around point `i` hit; all where they see none.
+
+    `c` and `s` are of the association's heading, not of the pose: where the pose is turned wrongly by t, normals
+    turned with it times residuals that grow by t on the way along a wall pull along it, by t squared.
+    """
     if points[i, 4] == 0.0 and points[i, 5] == 0.0:
         return gx, gy
     nx = c * points[i, 4] - s * points[i, 5]
@@ -202,7 +206,8 @@ def cost_of(
 @kernel
 def jacobian(
     control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
-    runs: Array, pose: Array, heading: float, across: float, along: float, missing: float, weight: float, residuals: Array, rows: Array,
+    runs: Array, pose: Array, heading: float, across: float, along: float, missing: float, weight: float,
+    residuals: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Fill whitened residuals (2 n,), across and along for each point, and their Jacobian (2 n, 3)."""
     c = math.cos(pose[2])
@@ -259,7 +264,7 @@ def discount(out: Array, floor: float) -> None:
     Normals of the wall are known to an angle only, and residuals along a wall are alike from beam to beam and
     from scan to scan: of the information across a wall the share `floor`, the square of that angle, shows up
     along it and is none. With s the information along the weakest direction v and a that across it, both
-    with the yaw eliminated, s / (s + floor a) of it is kept. The scan's own minimum stays where it is.
+    with the yaw eliminated, the Jacobian along v is scaled by the root of s / (s + floor a).
     """
     yaw = out[2, 2]
     if not yaw > 0.0 or floor <= 0.0:
