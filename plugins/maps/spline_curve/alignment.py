@@ -158,12 +158,11 @@ class CurveAlignment(Alignment):
         return residuals, rows
 
     def inliers(self, pose: F64, level: int) -> float:
-        """Return the share of the beams that curves can hold which end near one, and behind no other, in [0, 1]."""
+        """Return the share of the beams that curves can hold which end near one, in [0, 1]."""
         if not self._n:
             return 0.0
         found = self.association(pose, level, max(self._options.explained, 0.25 * self._stores[level].step))
-        ends = int(np.count_nonzero((found.run >= 0) & ~self._barred(pose, level)))
-        return ends / max(self._holdable(level), 1)
+        return int(np.count_nonzero(found.run >= 0)) / max(self._holdable(level), 1)
 
     def tracks(self, pose: F64, level: int) -> list[Track]:
         """Return which stretches of the scan lie on which curves at `pose` (3,)."""
