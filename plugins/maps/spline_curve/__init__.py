@@ -43,6 +43,9 @@ class SplineCurveOptions(PluginConfig):
     beams: float = quantity(
         180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
     )
+    slope: float = quantity(
+        0.04, "rad", "direction of walls is no better known: so much of what a scan knows across is noise along", ge=0
+    )
     smoothness: float = quantity(
         0.1, "1", "weight of the squared second derivative, per knot, against squared distances in a fit", gt=0
     )

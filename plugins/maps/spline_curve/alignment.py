@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knotwork.core.beams import Beams
 from knotwork.core.contracts import Alignment, Loss, NormalEquations
@@ -10,6 +11,7 @@ from knotwork.core.messages import F64
 from knotwork.core.robust import CODES
 from knotwork.plugins.maps.spline_curve import SplineCurveOptions, kernels
 from knotwork.plugins.maps.spline_curve.association import Association, associate
+from knotwork.plugins.maps.spline_curve.barred import barred
 from knotwork.plugins.maps.spline_curve.lookup import LookupCache
 from knotwork.plugins.maps.spline_curve.segmentation import Clusters
 from knotwork.plugins.maps.spline_curve.store import CurveStore
@@ -71,6 +73,7 @@ class CurveAlignment(Alignment):
         self._options = options
         self._along = 1.0 / options.sigma_along if options.sigma_along else 0.0
         self._n = len(beams.points)
+        self._origin: F64 = beams.rays[:, :2].mean(axis=0) if len(beams.rays) else np.zeros(2)
         self._weight = min(1.0, options.beams / self._n) if self._n else 1.0
         self._found: dict[tuple[int, int, int, int, int], Association] = {}
 
@@ -79,6 +82,11 @@ class CurveAlignment(Alignment):
         clusters = self.clusters[level]
         box = box_at(clusters.points, pose, 2.0 * gate)
         return associate(self._stores[level], self._lookups[level].covering(box), clusters, pose, gate)
+
+    def _barred(self, pose: F64, level: int) -> NDArray[np.bool_]:
+        """Return which clustered points lie behind a wall of the map, seen from `pose` (3,)."""
+        margin = max(self._options.stale_margin, self._stores[level].step)
+        return barred(self._stores[level], self.clusters[level].points, self._origin, pose, margin)
 
     def _at(self, pose: F64, level: int) -> Association:
         steps = np.rint((pose - self._guess) / _NODES)
@@ -93,16 +101,21 @@ class CurveAlignment(Alignment):
         return found
 
     def normal_equations(self, pose: F64, level: int, loss: Loss = "none", scale: float = 1.0) -> NormalEquations:
-        """Return H, g and cost at `pose` (3,): (6.17) to (6.19) with the offsets eliminated."""
+        """Return H, g and cost at `pose` (3,): (6.17) to (6.19) with the offsets eliminated, and `slope` discounted."""
         options, clusters, store = self._options, self.clusters[level], self._stores[level]
         found = self._at(pose, level)
         out = np.empty((4, 3))
         cost = kernels.normal_equations(
             store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
-            pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n, self._weight,
-            CODES[loss], scale, out,
+            pose, found.heading, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._n,
+            self._weight, CODES[loss], scale, out,
         )  # fmt: skip
-        return NormalEquations(out[:3], out[3], cost, found.used, self._holdable(level))
+        kernels.discount(out, options.slope * options.slope)
+        return NormalEquations(out[:3], out[3], cost, self._met(found, pose, level), self._holdable(level))
+
+    def _met(self, found: Association, pose: F64, level: int) -> int:
+        """Return how many beams met the map: those on curves, in front of one, or behind a wall."""
+        return int(np.count_nonzero((found.run != -1) | self._barred(pose, level)))
 
     def _holdable(self, level: int) -> int:
         """Return how many beams a map of curves can explain: those in clusters, but at least half of all."""
@@ -139,7 +152,7 @@ class CurveAlignment(Alignment):
         residuals, rows = np.empty(2 * self._n), np.empty((2 * self._n, 3))
         kernels.jacobian(
             store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
-            pose, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._weight,
+            pose, found.heading, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._weight,
             residuals, rows,
         )  # fmt: skip
         return residuals, rows

@@ -18,6 +18,7 @@ Array = NDArray[Any]
 
 _LEAST = 5  # points of a run
 _SKIP = 3  # points in a row that may be missing inside a run
+_TURNED = 0.2  # sine of the largest angle between their normals that counts
 _FORWARD = 0.5  # cosine of the largest angle between a cluster and its curve
 
 
@@ -34,16 +35,14 @@ class Association:
     runs : shape (r, 5)
         First point, last point + 1, curve, offset from the cluster's length to the curve's parameter
         [knot intervals], cluster.
+    heading
+        Yaw at which the normals of the beams lie on those of the curves [rad].
     """
 
     run: NDArray[np.int32]
     feet: F64
     runs: F64
-
-    @property
-    def used(self) -> int:
-        """Points that met the map: on a curve, or where a curve says that nothing is."""
-        return int(np.count_nonzero(self.run != -1))
+    heading: float
 
 
 def associate(store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, gate: float) -> Association:
@@ -55,7 +54,32 @@ def associate(store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, 
         store.control, store.table, store.step, lookup.cells, lookup.x0, lookup.y0, lookup.cell, lookup.samples,
         clusters.points, clusters.chord, clusters.starts, pose, gate, run, feet, runs,
     )  # fmt: skip
-    return Association(run, feet, runs[:count])
+    heading = heading_of(store.control, store.table, clusters.points, run, feet, runs[:count], pose[2])
+    return Association(run, feet, runs[:count], heading)
+
+
+@kernel
+def heading_of(control: Array, table: Array, points: Array, run: Array, feet: Array, runs: Array, yaw: float) -> float:
+    """Return the yaw near `yaw` at which the normals of the beams lie on those of the curves, on the mean."""
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    cosine = sine = 0.0
+    for i in range(points.shape[0]):
+        if run[i] < 0 or (points[i, 4] == 0.0 and points[i, 5] == 0.0):
+            continue
+        number = int(runs[run[i], 2])
+        _, _, dx, dy, _, _ = place(
+            control, int(table[number, 0]), int(table[number, 1]), int(table[number, 2]), feet[i]
+        )
+        nx = c * points[i, 4] - s * points[i, 5]
+        ny = s * points[i, 4] + c * points[i, 5]
+        size = math.hypot(dx, dy) + 1e-12
+        aligned = (nx * dy - ny * dx) / size
+        turned = (nx * dx + ny * dy) / size
+        if abs(turned) < _TURNED:
+            cosine += abs(aligned)
+            sine += turned if aligned < 0.0 else -turned
+    return yaw + math.atan2(sine, cosine) if cosine > 0.0 else yaw
 
 
 @kernel

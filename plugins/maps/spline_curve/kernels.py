@@ -48,7 +48,11 @@ def _row(
 
 @inlined
 def _across(points: Array, i: int, c: float, s: float, gx: float, gy: float) -> tuple[float, float]:
-    """Return the part of a gradient across the surface that the beams around point `i` hit; all where they see none."""
+    """Return the part of a gradient across the surface that the beams around point `i` hit; all where they see none.
+
+    `c` and `s` are of the association's heading, not of the pose: where the pose is turned wrongly by t, normals
+    turned with it times residuals that grow by t on the way along a wall pull along it, by t squared.
+    """
     if points[i, 4] == 0.0 and points[i, 5] == 0.0:
         return gx, gy
     nx = c * points[i, 4] - s * points[i, 5]
@@ -110,12 +114,14 @@ def offset_of(
 @kernel
 def normal_equations(
     control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
-    runs: Array, pose: Array, across: float, along: float, missing: float, n: int,
+    runs: Array, pose: Array, heading: float, across: float, along: float, missing: float, n: int,
     weight: float, loss: int, scale: float, out: Array,
 ) -> float:  # fmt: skip
     """Fill `out` (4, 3): rows of H, then g; return the cost. `missing` is the residual of a point on no curve."""
     c = math.cos(pose[2])
     s = math.sin(pose[2])
+    turn_c = math.cos(heading)
+    turn_s = math.sin(heading)
     H = np.zeros((3, 3))
     g = np.zeros(3)
     ja, jb = np.empty(3), np.empty(3)
@@ -144,7 +150,7 @@ def normal_equations(
             rho, w = loss_terms(loss, a * a + b * b, scale)
             cost += rho
             used += 1
-            ja[0], ja[1] = _across(points, i, c, s, ja[0], ja[1])
+            ja[0], ja[1] = _across(points, i, turn_c, turn_s, ja[0], ja[1])
             ja[2] = rx * ja[1] - ry * ja[0]
             jb[2] = rx * jb[1] - ry * jb[0]
             hoo += w * (da * da + db * db)
@@ -200,11 +206,14 @@ def cost_of(
 @kernel
 def jacobian(
     control: Array, table: Array, step: float, points: Array, chord: Array, run: Array, feet: Array,
-    runs: Array, pose: Array, across: float, along: float, missing: float, weight: float, residuals: Array, rows: Array,
+    runs: Array, pose: Array, heading: float, across: float, along: float, missing: float, weight: float,
+    residuals: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Fill whitened residuals (2 n,), across and along for each point, and their Jacobian (2 n, 3)."""
     c = math.cos(pose[2])
     s = math.sin(pose[2])
+    turn_c = math.cos(heading)
+    turn_s = math.sin(heading)
     factor = math.sqrt(weight)
     for i in range(residuals.shape[0] // 2):
         residuals[2 * i] = factor * missing
@@ -229,7 +238,7 @@ def jacobian(
             a, b, ax, ay, bx, by, dao, dbo = _row(
                 control, start, count, first, q, pose[0] + rx, pose[1] + ry, across, along
             )  # fmt: skip
-            ax, ay = _across(points, i, c, s, ax, ay)
+            ax, ay = _across(points, i, turn_c, turn_s, ax, ay)
             residuals[2 * i] = factor * a
             residuals[2 * i + 1] = factor * b
             for row, jx, jy, d in ((2 * i, ax, ay, dao), (2 * i + 1, bx, by, dbo)):
@@ -246,3 +255,45 @@ def jacobian(
                     for k in range(3):
                         eliminated = da[row] * cross[k] / hoo if hoo > 0.0 else 0.0
                         rows[row, k] = factor * (rows[row, k] - eliminated)
+
+
+@kernel
+def discount(out: Array, floor: float) -> None:
+    """Take from `out` (4, 3), rows of H, then g, what the weakest direction owes to errors of slope.
+
+    Normals of the wall are known to an angle only, and residuals along a wall are alike from beam to beam and
+    from scan to scan: of the information across a wall the share `floor`, the square of that angle, shows up
+    along it and is none. With s the information along the weakest direction v and a that across it, both
+    with the yaw eliminated, the Jacobian along v is scaled by the root of s / (s + floor a).
+    """
+    yaw = out[2, 2]
+    if not yaw > 0.0 or floor <= 0.0:
+        return
+    xx = out[0, 0] - out[0, 2] * out[0, 2] / yaw
+    xy = out[0, 1] - out[0, 2] * out[1, 2] / yaw
+    yy = out[1, 1] - out[1, 2] * out[1, 2] / yaw
+    d = 0.5 * (xx - yy)
+    half = math.sqrt(d * d + xy * xy)
+    strong = 0.5 * (xx + yy) + half
+    weak = max(0.5 * (xx + yy) - half, 0.0)
+    if not strong > 0.0:
+        return
+    if d > 0.0:
+        vx, vy = -xy, half + d
+    else:
+        vx, vy = half - d, -xy
+    size = math.hypot(vx, vy)
+    if not size > 0.0:
+        return
+    vx /= size
+    vy /= size
+    kept = math.sqrt(weak / (weak + floor * strong))
+    # T H T and T g, with T = 1 - (1 - kept) v v^T
+    for row in range(4):
+        along = (1.0 - kept) * (out[row, 0] * vx + out[row, 1] * vy)
+        out[row, 0] -= along * vx
+        out[row, 1] -= along * vy
+    for column in range(3):
+        along = (1.0 - kept) * (out[0, column] * vx + out[1, column] * vy)
+        out[0, column] -= along * vx
+        out[1, column] -= along * vy

@@ -13,6 +13,7 @@ from knotwork.core.messages import F64, Scan
 from knotwork.plugins.maps.spline_curve import SplineCurveOptions, queries
 from knotwork.plugins.maps.spline_curve.alignment import CurveAlignment
 from knotwork.plugins.maps.spline_curve.fusion import Fusion
+from knotwork.plugins.maps.spline_curve.lines import line_normals
 from knotwork.plugins.maps.spline_curve.lookup import LookupCache
 from knotwork.plugins.maps.spline_curve.segmentation import clusters_of
 from knotwork.plugins.maps.spline_curve.stale import remove_stale
@@ -73,9 +74,10 @@ class SplineCurve(PlaneMap):
         options = self.options
         beams = beams_of(scan, self.config.range_min, self.config.range_max, motion)
         closed = len(scan.ranges) * abs(scan.angle_increment) > 2.0 * math.pi - 1.5 * abs(scan.angle_increment)
+        points = line_normals(beams.points)
         clusters = [
             clusters_of(
-                beams.points, max(options.gap * step, options.gap_least), options.gap_line, options.gap_relative,
+                points, max(options.gap * step, options.gap_least), options.gap_line, options.gap_relative,
                 options.points, closed,
             )
             for step in self.config.resolution
