@@ -28,7 +28,7 @@ class SplineCurveOptions(PluginConfig):
     fuse_gate: float = quantity(
         0.15, "m", "a point farther from every curve, and than half a knot interval, is new", gt=0
     )
-    sigma: float = quantity(0.03, "m", "standard deviation of a good beam across the curve it hit", gt=0)
+    sigma: float = quantity(0.014, "m", "standard deviation of a good beam across the curve it hit", gt=0)
     sigma_along: float = quantity(
         0.0,
         "m",
@@ -41,7 +41,7 @@ class SplineCurveOptions(PluginConfig):
         description="a beam says how far across the surface it hit only; false: across the curve, noise and all",
     )
     beams: float = quantity(
-        180.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
+        20.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
     )
     slope: float = quantity(
         0.04, "rad", "direction of walls is no better known: so much of what a scan knows across is noise along", ge=0

