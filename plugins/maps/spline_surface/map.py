@@ -25,8 +25,8 @@ EXPLAINED = 0.5  # [log-odds] a beam that ends where the surface is higher is ex
 class SplineSurface(PlaneMap):
     """Surfaces s of log-odds, in [-clamp, clamp] at their control points (7.15).
 
-    Control points are whole numbers of clamp / 127, one byte each. A change is rounded up or down in turns, so that
-    it is right on average, however small.
+    Control points are whole numbers of clamp / 127, one byte each, as long as a hit is at least that much; a change is
+    rounded up or down in turns, so that it is right on average. Else they are float32 log-odds.
 
     A beam that ends at tau raises s(tau) by `hit`, to `clamp` at most, with the least change of control
     points (7.14). Samples before the end lower s by `free` in the same way (7.2, mended: they stop `margin`
@@ -40,8 +40,11 @@ class SplineSurface(PlaneMap):
         super().__init__(context)
         options = context.options or SplineSurfaceOptions()
         self.options: SplineSurfaceOptions = options
-        self.unit = self.config.clamp / UNITS  # [log-odds]
-        self.surfaces = [TiledArray(np.int8) for _ in self.config.resolution]
+        whole = self.config.clamp <= UNITS * self.config.hit
+        self.unit = self.config.clamp / UNITS if whole else 1.0  # [log-odds] of a control point
+        self._clamp = float(UNITS) if whole else self.config.clamp  # in that unit
+        self._kind: type[np.int8] | type[np.float32] = np.int8 if whole else np.float32
+        self.surfaces = [TiledArray(self._kind) for _ in self.config.resolution]
         self._fused = 0
         self._last: F64 | None = None  # pose of the last fused scan
 
@@ -49,7 +52,7 @@ class SplineSurface(PlaneMap):
         """Compile all kernels on a scan of two beams."""
         spare = SplineSurface.__new__(SplineSurface)
         spare.__dict__.update(self.__dict__)
-        spare.surfaces = [TiledArray(np.int8) for _ in self.config.resolution]
+        spare.surfaces = [TiledArray(self._kind) for _ in self.config.resolution]
         scan = Scan(
             stamp=0, scan_id=0, ranges=np.array([1.0, np.inf], np.float32), angle_min=0.0, angle_increment=1.0,
             range_min=0.0, range_max=2.0,
@@ -71,7 +74,13 @@ class SplineSurface(PlaneMap):
         if not options.normals:
             beams.points[:, 2:] = 0.0
         return SurfaceAlignment(
-            beams, self.surfaces, config.resolution, float(UNITS), options.sigma, EXPLAINED / self.unit, options.beams
+            beams,
+            self.surfaces,
+            config.resolution,
+            self._clamp,
+            options.sigma,
+            EXPLAINED / self.unit,
+            options.beams,
         )
 
     def update(self, scan: Scan, pose: F64, alignment: Alignment | None = None, fuse: bool = True) -> None:
@@ -87,7 +96,7 @@ class SplineSurface(PlaneMap):
             return
         config, options = self.config, self.options
         weight = self._weight(pose) / self.unit
-        dither = self._fused * _GOLDEN % 1.0
+        clamp, dither = self._clamp, self._fused * _GOLDEN % 1.0
         reach = self._reach(rays)
         x, y = float(pose[0]), float(pose[1])
         for surface, step in zip(self.surfaces, config.resolution, strict=True):
@@ -99,7 +108,7 @@ class SplineSurface(PlaneMap):
             first, sample, used = 0, 0, surface.used
             while first < 2 * len(rays):
                 first, sample, used = kernels.fuse(
-                    *surface.arrays(), step, rays, pose, weight * config.hit, weight * config.free, float(UNITS),
+                    *surface.arrays(), step, rays, pose, weight * config.hit, weight * config.free, clamp,
                     config.range_min, options.free_step * step, margin, options.free_no_return,
                     dither, first, sample, used,
                 )  # fmt: skip
@@ -151,7 +160,7 @@ class SplineSurface(PlaneMap):
         return facts, arrays
 
     def restore(self, facts: dict[str, Any], arrays: Arrays) -> None:
-        """Replace the map; float32 log-odds of version 1 are rounded to units."""
+        """Replace the map; control points of the other kind, as version 1 has them, are converted."""
         surfaces = []
         for level in range(self.levels):
             where, tiles = arrays[f"where{level}"], arrays[f"tiles{level}"]
@@ -161,8 +170,10 @@ class SplineSurface(PlaneMap):
                 or tiles.dtype not in (np.int8, np.float32)
             ):
                 raise ValueError(f"tiles of level {level} have shapes {where.shape} and {tiles.shape}")
-            if tiles.dtype == np.float32:
-                tiles = np.clip(np.rint(tiles / self.unit), -UNITS, UNITS).astype(np.int8)
+            if tiles.dtype != self._kind:
+                log_odds = tiles * (self.config.clamp / UNITS) if tiles.dtype == np.int8 else tiles
+                whole = np.clip(np.rint(log_odds / self.unit), -UNITS, UNITS)
+                tiles = (whole if self._kind is np.int8 else log_odds).astype(self._kind)
             surfaces.append(TiledArray.from_claimed(where, tiles))
         self._fused = int(facts["fused"])
         self.surfaces = surfaces

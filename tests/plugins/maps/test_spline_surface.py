@@ -49,19 +49,23 @@ def test_one_hit_raises_the_surface_by_hit_where_the_beam_ended(surface):
     assert found.mean() == pytest.approx(1.3, rel=1e-3)
 
 
-def test_changes_much_smaller_than_a_unit_are_right_on_average(surface):
-    chart = surface(hit=0.02, free=0.0, resolution=[0.2, 0.05], range_max=300.0)
-    assert chart.unit == pytest.approx(8.0 / 127)
-    assert raised(chart).mean() == pytest.approx(0.02, rel=0.03)
-
-
-def test_small_changes_of_one_place_add_up(surface):
-    """Over scans: each is rounded otherwise."""
-    chart = surface(hit=0.02, free=0.0, resolution=[0.2, 0.05], range_max=300.0)
-    for _ in range(150):
-        chart.update(scan([2.0]), np.array([0.11, -0.07, 0.3]))
-    end = [[0.11 + 2.0 * np.cos(0.3), -0.07 + 2.0 * np.sin(0.3)]]
-    assert log_odds(chart, end) == pytest.approx([3.0], rel=0.02)
+def test_changes_much_smaller_than_a_unit_add_up(surface):
+    """Against float32 control points, which a map has whose hits are smaller than a unit."""
+    config = {"free": 0.004, "resolution": [0.2, 0.05]}
+    whole, real = surface(hit=1.0, **config), surface(hit=0.05, **config)
+    assert whole.surfaces[0].claimed()[1].dtype == np.int8
+    assert real.surfaces[0].claimed()[1].dtype == np.float32
+    assert config["free"] < whole.unit / 15
+    for number in range(300):  # the walls are far from where the surface is read
+        beams = scan(np.full(60, 9.0), angle_min=-0.3)
+        for chart in (whole, real):
+            chart.update(beams, np.array([0.001 * number, 0.0, 0.0]))
+    x, y = np.meshgrid(np.linspace(1.0, 6.0, 60), np.linspace(-0.3, 0.3, 20))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    found, true = log_odds(whole, places), log_odds(real, places)
+    assert true.mean() < -0.1
+    assert found.mean() == pytest.approx(true.mean(), rel=0.02)
+    assert np.sqrt(np.mean((found - true) ** 2)) < 2.0 * whole.unit
 
 
 def test_hits_add_up_until_the_clamp(surface):
@@ -135,7 +139,11 @@ def test_a_file_of_float_control_points_is_read(surface, tmp_path):
     old = {name: a * np.float32(chart.unit) if name.startswith("tiles") else a for name, a in arrays.items()}
     path = tmp_path / "old.map"
     write_map(path, "spline-surface", 1, facts | {"config": {}}, old)
-    again = surface(clamp=8.0)
+    again, finer = surface(clamp=8.0), surface(clamp=8.0, hit=0.01)
     again.load(path)
+    chart.save(tmp_path / "new.map")
+    finer.load(tmp_path / "new.map")
     for level, tiles in enumerate(again.surfaces):
-        np.testing.assert_array_equal(tiles.claimed()[1], chart.surfaces[level].claimed()[1])
+        whole = chart.surfaces[level].claimed()[1]
+        np.testing.assert_array_equal(tiles.claimed()[1], whole)
+        np.testing.assert_allclose(finer.surfaces[level].claimed()[1], whole * chart.unit, rtol=1e-6)
