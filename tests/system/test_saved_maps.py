@@ -55,7 +55,7 @@ def test_localise_only_in_a_saved_map(run, mapped, data):
     """From the start pose as accurate as while mapping, and the map stays as it is."""
     out = run("localise", f"vars.map={mapped / 'intel.map'}", config=CONFIGS / "radish-localize.yaml")
     assert lost(out) == 0
-    assert errors(out, data).mean() <= errors(mapped, data).mean()
+    assert errors(out, data).mean() < errors(mapped, data).mean() + 0.001
     off = np.linalg.norm(poses(out) - poses(mapped), axis=1)
     assert np.median(off) < 0.01
     assert off[-50:].max() < 0.01
