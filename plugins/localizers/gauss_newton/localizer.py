@@ -146,10 +146,10 @@ class GaussNewton(Localizer):
             return found
         self._counts["doubtful_scans"] += 1
         again = discover(chart, scan, around(prior, *config.astray, config.astray_starts), twist, self._settings)
-        if again.explained() >= config.found:  # one scan may be wrong: the next has to agree
-            self._candidate = Candidate(again.pose, prior)
         self._doubtful += 1
         if self._doubtful < config.lost_after:
+            if again.explained() >= config.found:  # one scan may be wrong: the next has to agree
+                self._candidate = Candidate(again.pose, prior)
             self._accept(scan, estimate, None)
             return None
         self._search = Search(last.pose, config.search, config.starts, config.found)
