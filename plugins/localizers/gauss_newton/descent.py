@@ -1,5 +1,6 @@
 """From coarse to fine, from one start or many."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ _REFINED = 4  # starts that are solved at the coarsest level, the cheapest of al
 _PROMISING = 8  # starts that are solved because the map explains most there
 _NEAR = (0.3, 0.1)  # [m, rad] around those, where finer starts are tried
 _STARTS_NEAR = 200
+_APART = (0.5, 0.3)  # [m, rad] between poses that are two places
+_CLEAR = 0.15  # by so much more of the scan the right place of several is explained
 _NOTHING = np.zeros((3, 3))
 
 
@@ -33,11 +36,12 @@ class Found:
     def explained(self) -> float:
         """Return the share of all beams with a return that the map explains, in [0, 1].
 
-        Asked of the second finest level: the finest is too strict by centimetres.
+        Asked of the second finest level, since the finest can be too strict by centimetres, and of the finest.
         """
         if not self.equations.n_total:
             return 0.0
-        return self.alignment.inliers(self.pose, max(self.alignment.levels - 2, 0))
+        finest = self.alignment.levels - 1
+        return max(self.alignment.inliers(self.pose, level) for level in (max(finest - 1, 0), finest))
 
     def quality(self) -> float:
         """Return the share of the beams that met the map which the map explains, in [0, 1]."""
@@ -81,7 +85,19 @@ def descend(
     return _found(solution, alignment)
 
 
-def discover(chart: Map, scan: Scan, starts: F64, twist: F64 | None, settings: Settings) -> Found:
+@dataclass(frozen=True, slots=True)
+class Discovered:
+    """Where the map explains the largest share of a scan, and how much it explains elsewhere at most, in [0, 1]."""
+
+    best: Found
+    rival: float
+
+    def convinces(self, enough: float) -> bool:
+        """Return whether the map explains `enough` there, and no other place looks much the same, as in a corridor."""
+        return self.best.explained() >= max(enough, self.rival + _CLEAR)
+
+
+def discover(chart: Map, scan: Scan, starts: F64, twist: F64 | None, settings: Settings) -> Discovered:
     """Solve without a prior, and return the pose at which the map explains the largest share of the scan.
 
     The cost alone does not tell where a robot has been before: walls that were seen once cost more than a few
@@ -98,7 +114,14 @@ def discover(chart: Map, scan: Scan, starts: F64, twist: F64 | None, settings: S
     tries = [(level, start) for start in _best_explained(rough, near, level)]
     tries += [(0, start) for start in _cheapest(rough, starts, starts[0], _NOTHING, settings)]
     found = [_refined(chart.alignment(scan, start, twist), first, start, settings) for first, start in tries]
-    return max(found, key=Found.explained)
+    best = max(found, key=Found.explained)
+    others = [other.explained() for other in found if _apart(best.pose, other.pose)]
+    return Discovered(best, max(others, default=0.0))
+
+
+def _apart(a: F64, b: F64) -> bool:
+    far, turn = _APART
+    return math.dist(a[:2], b[:2]) > far or abs(wrap(float(a[2] - b[2]))) > turn
 
 
 def _refined(alignment: Alignment, level: int, start: F64, settings: Settings) -> Found:

@@ -148,11 +148,11 @@ class GaussNewton(Localizer):
         again = discover(chart, scan, around(prior, *config.astray, config.astray_starts), twist, self._settings)
         self._doubtful += 1
         if self._doubtful < config.lost_after:
-            if again.explained() >= config.found:  # one scan may be wrong: the next has to agree
-                self._candidate = Candidate(again.pose, prior)
+            if again.convinces(config.found):  # one scan may be wrong: the next has to agree
+                self._candidate = Candidate(again.best.pose, prior)
             self._accept(scan, estimate, None)
             return None
-        self._search = Search(last.pose, config.search, config.starts, config.found)
+        self._search = Search(last.pose, config.search, config.starts, config.doubt, config.found)
         self.context.report("warning", "lost: the map does not explain the scans; nothing is fused until found")
         self._publish_lost(scan, estimate)
         return None

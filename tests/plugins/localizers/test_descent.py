@@ -45,6 +45,6 @@ def test_what_the_map_explains_tells_an_old_place_from_a_strong_half_of_a_wrong_
     starts = around(DRIFTED, 1.5, 1.0, 3000)
     by_cost = descend(chart, scan, starts, DRIFTED, np.zeros((3, 3)), None, settings())
     assert np.linalg.norm(by_cost.pose - TRUTH) > 0.5  # the trap is there: the cost alone falls into it
-    found = discover(chart, scan, starts, None, settings())
+    found = discover(chart, scan, starts, None, settings()).best
     np.testing.assert_allclose(found.pose, TRUTH, atol=0.02)
     assert found.explained() > GaussNewtonConfig().found
