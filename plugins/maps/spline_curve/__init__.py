@@ -43,6 +43,12 @@ class SplineCurveOptions(PluginConfig):
     beams: float = quantity(
         20.0, "1", "a scan of more beams than this counts as this many: their errors are not independent", gt=0
     )
+    proven: float = quantity(
+        1.5,
+        "scans",
+        "a curve that so many scans have seen is trusted half, one that n have n^2 / (n^2 + proven^2)",
+        ge=0,
+    )
     slope: float = quantity(
         0.04, "rad", "direction of walls is no better known: so much of what a scan knows across is noise along", ge=0
     )

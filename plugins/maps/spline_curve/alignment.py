@@ -81,9 +81,11 @@ class CurveAlignment(Alignment):
         """Look up the curves at exactly `pose` (3,)."""
         clusters = self.clusters[level]
         box = box_at(clusters.points, pose, 2.0 * gate)
-        return associate(self._stores[level], self._lookups[level].covering(box), clusters, pose, gate)
+        return associate(
+            self._stores[level], self._lookups[level].covering(box), clusters, pose, gate, self._options.proven
+        )
 
-    def _barred(self, pose: F64, level: int) -> NDArray[np.bool_]:
+    def barred(self, pose: F64, level: int) -> NDArray[np.bool_]:
         """Return which clustered points lie behind a wall of the map, seen from `pose` (3,)."""
         margin = max(self._options.stale_margin, self._stores[level].step)
         return barred(self._stores[level], self.clusters[level].points, self._origin, pose, margin)
@@ -115,7 +117,7 @@ class CurveAlignment(Alignment):
 
     def _met(self, found: Association, pose: F64, level: int) -> int:
         """Return how many beams met the map: those on curves, in front of one, or behind a wall."""
-        return int(np.count_nonzero((found.run != -1) | self._barred(pose, level)))
+        return int(np.count_nonzero((found.run != -1) | self.barred(pose, level)))
 
     def _holdable(self, level: int) -> int:
         """Return how many beams a map of curves can explain: those in clusters, but at least half of all."""
@@ -169,7 +171,7 @@ class CurveAlignment(Alignment):
         options, clusters, store = self._options, self.clusters[level], self._stores[level]
         found = self._at(pose, level)
         out = []
-        for j, (begin, end, curve, _, cluster) in enumerate(found.runs):
+        for j, (begin, end, curve, _, cluster, _) in enumerate(found.runs):
             offset = kernels.offset_of(
                 store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet,
                 found.runs, j, pose, 1.0 / options.sigma, self._along or 0.1 / options.sigma, 0, 1.0,

@@ -12,7 +12,7 @@ from knotwork.core.messages import F64
 from knotwork.plugins.maps.spline_curve.lookup import Lookup, any_nearest, candidates
 from knotwork.plugins.maps.spline_curve.piece import foot, place
 from knotwork.plugins.maps.spline_curve.segmentation import Clusters
-from knotwork.plugins.maps.spline_curve.store import CurveStore
+from knotwork.plugins.maps.spline_curve.store import PER_SCAN, CurveStore
 
 Array = NDArray[Any]
 
@@ -32,9 +32,9 @@ class Association:
         Of each clustered point: its run; -1 where no curve is known, -2 where a curve says that nothing is.
     feet : shape (m,)
         Parameter of the nearest curve point [knot intervals], for points of a run.
-    runs : shape (r, 5)
+    runs : shape (r, 6)
         First point, last point + 1, curve, offset from the cluster's length to the curve's parameter
-        [knot intervals], cluster.
+        [knot intervals], cluster, trust in the curve there in (0, 1).
     heading
         Yaw at which the normals of the beams lie on those of the curves [rad].
     """
@@ -45,17 +45,40 @@ class Association:
     heading: float
 
 
-def associate(store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, gate: float) -> Association:
-    """Look up the points of `clusters`, taken at robot `pose` (3,); `gate` [m] is the largest distance."""
+def associate(
+    store: CurveStore, lookup: Lookup, clusters: Clusters, pose: F64, gate: float, proven: float = 0.0
+) -> Association:
+    """Look up the points of `clusters`, taken at robot `pose` (3,); `gate` [m] is the largest distance.
+
+    A curve that n scans have seen is trusted n^2 / (n^2 + proven^2).
+    """
     m = len(clusters.points)
     run, feet = np.empty(m, np.int32), np.empty(m)
-    runs = np.empty((m // _LEAST + 1, 5))
+    runs = np.empty((m // _LEAST + 1, 6))
     count = find_runs(
         store.control, store.table, store.step, lookup.cells, lookup.x0, lookup.y0, lookup.cell, lookup.samples,
         clusters.points, clusters.chord, clusters.starts, pose, gate, run, feet, runs,
     )  # fmt: skip
+    fill_trust(store.weight, store.table, run, feet, proven * PER_SCAN, runs[:count])
     heading = heading_of(store.control, store.table, clusters.points, run, feet, runs[:count], pose[2])
     return Association(run, feet, runs[:count], heading)
+
+
+@kernel
+def fill_trust(weight: Array, table: Array, run: Array, feet: Array, proven: float, runs: Array) -> None:
+    """Fill column 5 of `runs`: the mean over its points of w^2 / (w^2 + proven^2), w the weight of their piece."""
+    for j in range(runs.shape[0]):
+        number = int(runs[j, 2])
+        start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
+        total = 0.0
+        n = 0
+        for i in range(int(runs[j, 0]), int(runs[j, 1])):
+            if run[i] == j:
+                k = start + min(max(math.floor(feet[i]) - first, 3), count - 1)
+                w = 0.25 * (float(weight[k - 3]) + weight[k - 2] + weight[k - 1] + weight[k])
+                total += w * w / (w * w + proven * proven)
+                n += 1
+        runs[j, 5] = total / n
 
 
 @kernel

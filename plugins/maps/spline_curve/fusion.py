@@ -4,6 +4,7 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knotwork.core.messages import F64
 from knotwork.core.splines import Curve
@@ -14,6 +15,7 @@ from knotwork.plugins.maps.spline_curve.store import CurveStore
 
 _END = 1.5  # knot intervals: a run that ends this near to its curve's end may extend it
 _SHORTEST = 0.5  # knot intervals: data on less do not determine a curve
+_PROVEN = 3.0  # scans: where this many stand behind a curve, no other may bend it
 _DENSITY = 4.0  # points in a knot interval that make the evidence of a whole scan
 
 
@@ -43,12 +45,15 @@ class Fusion:
     ----------
     store
         The level; changed at the end of `apply`.
+    gate
+        Distance [m] up to which points lie on a curve.
     smoothness, limit, least
         Of a fit; most evidence of a control point [scans]; fewest points of a new curve.
     """
 
-    def __init__(self, store: CurveStore, smoothness: float, limit: float, least: int) -> None:
+    def __init__(self, store: CurveStore, gate: float, smoothness: float, limit: float, least: int) -> None:
         self._store = store
+        self._gate = gate
         self._smoothness = smoothness
         self._limit = limit
         self._least = least
@@ -58,11 +63,20 @@ class Fusion:
         self._begun: list[Curve] = []
         self.result = Fused()
 
-    def apply(self, clusters: Clusters, points: F64, found: Association) -> Fused:
-        """Fuse map points (m, 2) of `clusters` as they were `found` on the curves."""
+    def apply(self, clusters: Clusters, points: F64, found: Association, behind: NDArray[np.bool_]) -> Fused:
+        """Fuse map points (m, 2) of `clusters` as they were `found` on the curves.
+
+        Of what lies on none, and `behind` (m,) walls, nothing is drawn: either the wall is not there any more and
+        will be forgotten first, or the pose is wrong.
+        """
         for k in range(len(clusters.starts) - 1):
             begin, end = int(clusters.starts[k]), int(clusters.starts[k + 1])
-            self._cluster(clusters.chord, points, found, self._stretches(found, k, begin, end))
+            stretches = [
+                each
+                for each in self._stretches(found, k, begin, end)
+                if each.run >= 0 or 2 * np.count_nonzero(behind[each.begin : each.end]) <= each.end - each.begin
+            ]
+            self._cluster(clusters.chord, points, found, stretches)
         replaced: dict[int, list[Curve]] = {number: [curve] for number, curve in self._changed.items()}
         replaced |= {number: [] for number in self._gone}
         self._store.change(replaced, self._begun)
@@ -173,8 +187,38 @@ class Fusion:
         gap = (moved.basis.origin - one.basis.origin) / step - len(one.control)
         if gap >= 0:
             return
-        self._changed[first] = one.merge(moved, self._limit)
+        joint = one.merge(moved, self._limit)
+        if max(_bent(one, joint), _bent(moved, joint)) > max(self._gate, step):
+            self._drop_copy(first, one, second, two)
+            return
+        self._changed[first] = joint
         self._changed.pop(second, None)
         self._gone.add(second)
         self._moved[second] = (first, shift)
         self.result.joined += 1
+
+    def _drop_copy(self, first: int, one: Curve, second: int, two: Curve) -> None:
+        """Of two curves that cannot be joined, forget the one with less evidence if all of it lies on the other."""
+        if one.weights.sum() < two.weights.sum():
+            first, one, second, two = second, two, first, one
+        tau = _knots(two)
+        there, distance = one.nearest(two(tau))
+        if distance.max() > self._gate:
+            return
+        self._changed.pop(second, None)
+        self._gone.add(second)
+        self._moved[second] = (first, float(np.median(there - tau)))
+
+
+def _knots(curve: Curve) -> F64:
+    """Return the parameters at the ends of the curve's knot intervals."""
+    count = len(curve.control) - curve.basis.degree + 1
+    return np.asarray(curve.domain[0] + curve.basis.step * np.arange(count), np.float64)
+
+
+def _bent(part: Curve, joint: Curve) -> float:
+    """Return how far [m] `part` was moved at most where several scans stand behind it, in a curve it is part of now."""
+    tau = _knots(part)
+    moved = joint(np.clip(tau, *joint.domain)) - part(tau)
+    proven = part.weights[1 : len(tau) + 1] >= _PROVEN  # of the control point that has most to say at a knot
+    return float(np.max(np.hypot(moved[:, 0], moved[:, 1]), where=proven, initial=0.0))

@@ -4,7 +4,8 @@ A point of run j at length l of its cluster is compared with the curve's point a
 taken across and along the curve there, each over its own standard deviation. The offset o_j is the one of
 least cost at the pose, so the pose's normal equations are what remains of (6.17) when the offsets are
 eliminated. With `along` 0 each point has an offset of its own, the one that takes it to the nearest place:
-the difference across is left. Points on no curve cost what a point at the gate does.
+the difference across is left. Points on no curve cost what a point at the gate does, and those on a curve do so
+by what the curve lacks of full trust: what one scan has seen may be somebody who walks along.
 """
 
 import math
@@ -126,9 +127,9 @@ def normal_equations(
     g = np.zeros(3)
     ja, jb = np.empty(3), np.empty(3)
     cross = np.empty(3)
-    cost = 0.0
-    used = 0
+    cost = used = 0.0
     for j in range(runs.shape[0]):
+        trust = runs[j, 5]
         o = offset_of(
             control, table, step, points, chord, run, feet, runs, j, pose, across, along, loss, scale
         )  # fmt: skip
@@ -148,8 +149,9 @@ def normal_equations(
                 control, start, count, first, q, pose[0] + rx, pose[1] + ry, across, along
             )  # fmt: skip
             rho, w = loss_terms(loss, a * a + b * b, scale)
-            cost += rho
-            used += 1
+            cost += trust * rho
+            used += trust
+            w *= trust
             ja[0], ja[1] = _across(points, i, turn_c, turn_s, ja[0], ja[1])
             ja[2] = rx * ja[1] - ry * ja[0]
             jb[2] = rx * jb[1] - ry * jb[0]
@@ -181,9 +183,9 @@ def cost_of(
     """Return the cost at `pose`."""
     c = math.cos(pose[2])
     s = math.sin(pose[2])
-    cost = 0.0
-    used = 0
+    cost = used = 0.0
     for j in range(runs.shape[0]):
+        trust = runs[j, 5]
         o = offset_of(
             control, table, step, points, chord, run, feet, runs, j, pose, across, along, loss, scale
         )  # fmt: skip
@@ -198,8 +200,8 @@ def cost_of(
             a, b, _, _, _, _, _, _ = _row(
                 control, start, count, first, q, x, y, across, along
             )  # fmt: skip
-            cost += loss_terms(loss, a * a + b * b, scale)[0]
-            used += 1
+            cost += trust * loss_terms(loss, a * a + b * b, scale)[0]
+            used += trust
     return weight * (cost + (n - used) * loss_terms(loss, missing * missing, scale)[0])
 
 
@@ -226,6 +228,7 @@ def jacobian(
         number = int(runs[j, 2])
         start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
         hoo = 0.0
+        root = factor * math.sqrt(runs[j, 5])
         cross[:] = 0.0
         for i in range(int(runs[j, 0]), int(runs[j, 1])):
             if run[i] != j:
@@ -239,8 +242,8 @@ def jacobian(
                 control, start, count, first, q, pose[0] + rx, pose[1] + ry, across, along
             )  # fmt: skip
             ax, ay = _across(points, i, turn_c, turn_s, ax, ay)
-            residuals[2 * i] = factor * a
-            residuals[2 * i + 1] = factor * b
+            residuals[2 * i] = root * a
+            residuals[2 * i + 1] = root * b
             for row, jx, jy, d in ((2 * i, ax, ay, dao), (2 * i + 1, bx, by, dbo)):
                 rows[row, 0] = jx
                 rows[row, 1] = jy
@@ -254,7 +257,7 @@ def jacobian(
                 for row in (2 * i, 2 * i + 1):
                     for k in range(3):
                         eliminated = da[row] * cross[k] / hoo if hoo > 0.0 else 0.0
-                        rows[row, k] = factor * (rows[row, k] - eliminated)
+                        rows[row, k] = root * (rows[row, k] - eliminated)
 
 
 @kernel

@@ -100,10 +100,11 @@ class SplineCurve(PlaneMap):
             clusters = ours.clusters[level]
             if not len(clusters.points):
                 continue
-            found = ours.association(pose, level, max(options.fuse_gate, 0.5 * store.step))
+            gate = max(options.fuse_gate, 0.5 * store.step)
+            found = ours.association(pose, level, gate)
             points = clusters.points[:, :2] @ np.array([[c, s], [-s, c]]) + pose[:2]
-            work = Fusion(store, options.smoothness, options.weight, options.points)
-            done = work.apply(clusters, points, found)
+            work = Fusion(store, gate, options.smoothness, options.weight, options.points)
+            done = work.apply(clusters, points, found, ours.barred(pose, level))
             self._counts["begun"] += done.begun
             self._counts["joined"] += done.joined
             if level == self.levels - 1:

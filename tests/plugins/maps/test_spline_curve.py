@@ -9,11 +9,13 @@ from knotwork.core.conformance.room import Room
 from knotwork.core.messages import Scan
 from knotwork.core.splines import Curve
 from knotwork.plugins.maps.spline_curve import MANIFEST
+from knotwork.plugins.maps.spline_curve.association import associate
 from knotwork.plugins.maps.spline_curve.fusion import Fusion
+from knotwork.plugins.maps.spline_curve.lookup import LookupCache
 from knotwork.plugins.maps.spline_curve.map import SplineCurve
 from knotwork.plugins.maps.spline_curve.offset import estimate_offset, moved_to_lattice
 from knotwork.plugins.maps.spline_curve.queries import convex
-from knotwork.plugins.maps.spline_curve.segmentation import clusters_of
+from knotwork.plugins.maps.spline_curve.segmentation import Clusters, clusters_of
 from knotwork.plugins.maps.spline_curve.store import CurveStore
 
 ROOM = Room()
@@ -98,7 +100,7 @@ def test_the_length_of_a_cluster_does_not_grow_with_noise():
 
 
 def piece(step=0.1, smoothness=1e-9):
-    return Fusion(CurveStore(step), smoothness, 50.0, 8)
+    return Fusion(CurveStore(step), 0.15, smoothness, 50.0, 8)
 
 
 def test_a_fit_is_scipys_least_squares_spline():
@@ -212,6 +214,55 @@ def test_two_curves_are_joined_once_a_cluster_bridges_them(curves):
     chart.update(scan(whole, -np.deg2rad(70.0), np.deg2rad(1.0)), pose)
     assert len(chart.stores[0]) == 1
     assert chart.statistics()["curves_joined"] == 1
+
+
+@pytest.mark.parametrize(("scans", "joined"), [(20.0, False), (1.0, True)])
+def test_a_proven_wall_is_not_bent_by_what_is_joined_to_it(scans, joined):
+    """A cluster steps from a wall to a shelf 0.4 m before it; both curves go on side by side.
+
+    Averaging their control points would draw both through the middle.
+    """
+    store = CurveStore(0.1)
+    t = np.linspace(0.0, 3.0, 301)
+    wall = Curve.fit(t, np.column_stack([t, 0.0 * t]), 0.1)
+    shelf = Curve.fit(t, np.column_stack([t + 1.0, 0.0 * t + 0.4]), 0.1)
+    for curve in (wall, shelf):
+        curve.weights[:] = scans
+    store.change({}, [wall, shelf])
+    seen = np.concatenate(
+        [np.column_stack([x := np.arange(0.5, 0.96, 0.03), 0.0 * x]), np.column_stack([x + 0.55, 0.0 * x + 0.4])]
+    )
+    points = np.column_stack([seen, np.ones(len(seen)), np.zeros((len(seen), 3))])
+    chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(seen, axis=0).T))])
+    clusters = Clusters(points, chord, np.array([0, len(seen)]))
+    found = associate(store, LookupCache(store, 0.5).covering((-1.0, -1.0, 5.0, 2.0)), clusters, np.zeros(3), 0.15)
+    assert found.runs[:, 2].tolist() == [0, 1]
+    done = Fusion(store, 0.15, 0.1, 50.0, 8).apply(clusters, seen, found, np.zeros(len(seen), np.bool_))
+    assert done.joined == joined
+    if not joined:
+        assert store.curve(0)(t[5:-5])[:, 1] == pytest.approx(0.0, abs=0.01)
+        assert store.curve(1)(t[5:-5])[:, 1] == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_copy_of_a_piece_of_a_proven_wall_is_dropped():
+    """A wall round a corner, and a piece of it on a parameter that runs faster: joined, it would bend the wall."""
+    store = CurveStore(0.1)
+    t = np.linspace(0.0, 4.0, 401)
+    corner = np.column_stack([np.minimum(t, 2.0), np.maximum(t - 2.0, 0.0)])
+    wall = Curve.fit(t, corner, 0.1, smoothness=1e-4)
+    copy = Curve.fit(1.5 * (t[100:301] - 1.0), corner[100:301] + 0.02, 0.1, smoothness=1e-4)
+    wall.weights[:], copy.weights[:] = 20.0, 4.0
+    store.change({}, [wall, copy])
+    work = Fusion(store, 0.15, 0.1, 50.0, 8)
+    work._drop_copy(1, store.curve(1), 0, store.curve(0))
+    assert work._gone == {1}
+    number, shift = work._current(1)
+    assert number == 0
+    assert shift == pytest.approx(0.5, abs=0.1)  # the middle of the copy is the corner: 2.0 of the wall, 1.5 of its own
+    apart = Fusion(store, 0.15, 0.1, 50.0, 8)
+    aside = Curve(store.curve(1).control + 0.3, store.curve(1).basis, weights=store.curve(1).weights)
+    apart._drop_copy(1, aside, 0, store.curve(0))
+    assert not apart._gone
 
 
 def test_both_sides_of_a_thin_wall_stay_apart(curves):

@@ -9,7 +9,9 @@ from knotwork.core.conformance import RecordingContext
 from knotwork.core.contracts import PriorEstimate
 from knotwork.core.messages import Scan
 from knotwork.plugins.localizers.gauss_newton import MANIFEST as LOCALIZER
+from knotwork.plugins.localizers.gauss_newton.descent import discover
 from knotwork.plugins.localizers.gauss_newton.localizer import GaussNewton
+from knotwork.plugins.localizers.gauss_newton.starts import around
 from knotwork.plugins.maps.spline_curve import MANIFEST
 from knotwork.plugins.maps.spline_curve.barred import barred
 from knotwork.plugins.maps.spline_curve.kernels import discount
@@ -42,8 +44,12 @@ def ranges(walls, pose, rng):
 
 
 def scan(walls, pose, rng, number, farthest=30.0):
+    return message(ranges(walls, pose, rng), number, farthest)
+
+
+def message(distances, number, farthest=30.0):
     return Scan(
-        stamp=number * 200_000_000, scan_id=number, ranges=ranges(walls, pose, rng).astype(np.float32),
+        stamp=number * 200_000_000, scan_id=number, ranges=distances.astype(np.float32),
         angle_min=-math.pi / 2, angle_increment=math.pi / BEAMS, range_min=0.05, range_max=farthest,
     ).sealed(number * 200_000_000, number)  # fmt: skip
 
@@ -118,6 +124,62 @@ def test_along_bare_walls_a_scan_neither_knows_nor_pulls_whatever_its_heading(ha
                 assert equations.H[0, 0] < 0.01 / odometry**2
                 assert abs(equations.g[0]) * odometry**2 < 0.2 * odometry
                 assert equations.H[1, 1] > 30.0 / odometry**2  # across them it knows all
+
+
+def test_what_one_scan_has_seen_says_less_of_the_pose_than_a_proven_wall(hall):
+    chart, *_ = hall
+    pose = np.array([2.0, 0.0, 0.0])
+    view = scan(HALL, pose, np.random.default_rng(5), 0)
+    proven = chart.alignment(view, pose).normal_equations(pose, 1)
+    for level in range(3):
+        chart.stores[level].weight[:] = 5  # units of one scan
+    fresh = chart.alignment(view, pose).normal_equations(pose, 1)
+    assert fresh.H[1, 1] / proven.H[1, 1] == pytest.approx(1.0 / (1.0 + 1.5**2), rel=0.05)
+    assert fresh.cost > proven.cost  # a beam on it is not yet as good as explained
+    assert fresh.n_used == proven.n_used
+
+
+def test_behind_a_wall_nothing_is_drawn_until_it_is_forgotten(hall):
+    chart, *_ = hall
+    rng = np.random.default_rng(7)
+    behind = np.array([[x, -5.0] for x in np.arange(0.0, 6.0, 0.5)])
+    pose = np.array([3.0, 0.0, -0.5])
+    chart.update(scan(OFFICE, pose, rng, 0), pose)
+    assert np.isinf(chart.nearest(behind, reach=0.5).distance).all()
+    for number in range(80):
+        chart.update(scan(OFFICE, pose, rng, 1 + number), pose)
+    assert np.isfinite(chart.nearest(behind, reach=0.5).distance).sum() > 3
+
+
+def test_along_a_corridor_no_place_convinces(hall):
+    chart, localizer, *_ = hall
+    rng = np.random.default_rng(8)
+    starts = around(np.array([3.0, 0.0, 0.0]), 4.0, math.pi, 2000)
+    between = scan(HALL, (3.5, 0.0, 0.0), rng, 0, farthest=3.0)  # two bare walls
+    niche = scan(HALL, (7.0, 0.2, -0.6), rng, 1)
+    assert not discover(chart, between, starts, None, localizer._settings).convinces(0.75)
+    found = discover(chart, niche, around(np.array([6.0, 0.0, 0.0]), 4.0, math.pi, 4000), None, localizer._settings)
+    assert found.best.pose == pytest.approx([7.0, 0.2, -0.6], abs=0.05)
+    assert found.convinces(0.75)
+
+
+def test_a_robot_that_somebody_stands_around_is_found_where_odometry_says(hall):
+    """Lost among people; then the map explains 0.65 to 0.75 of the beams: too few for any other place."""
+    _, localizer, context, prior = hall
+    rng = np.random.default_rng(9)
+    for number in range(20):
+        pose = np.array([6.0 + 0.02 * number, 0.1, 0.0])
+        prior.pose = pose
+        distances = ranges(HALL, pose, rng)
+        hidden = slice(0, 110 if number < 10 else 55)
+        distances[hidden] = np.minimum(distances[hidden], 0.5 + 0.01 * rng.standard_normal(BEAMS)[hidden])
+        localizer.on_scan(message(distances, number))
+    localizer.finish()
+    poses = context.messages("pose")
+    assert poses[9].lost
+    assert all(0.6 <= pose.quality < 0.75 for pose in poses[10:12])
+    assert not any(pose.lost for pose in poses[12:])
+    assert poses[-1].pose == pytest.approx(prior.pose, abs=0.03)
 
 
 def test_a_beam_is_barred_by_a_wall_that_several_scans_have_seen(hall):
