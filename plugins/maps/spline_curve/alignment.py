@@ -148,10 +148,13 @@ class CurveAlignment(Alignment):
         self._lookups[level].covering((x0 - reach, y0 - reach, x1 + reach, y1 + reach))
 
     def residuals(self, pose: F64, level: int) -> tuple[F64, F64]:
-        """Return whitened residuals (2 n,), across and along the curve for each beam, and their Jacobian (2 n, 3)."""
+        """Return whitened residuals (3 n,) and their Jacobian (3 n, 3).
+
+        For each beam those across and along its curve, and what the curve lacks of full trust, a constant.
+        """
         options, clusters, store = self._options, self.clusters[level], self._stores[level]
         found = self._at(pose, level)
-        residuals, rows = np.empty(2 * self._n), np.empty((2 * self._n, 3))
+        residuals, rows = np.empty(3 * self._n), np.empty((3 * self._n, 3))
         kernels.jacobian(
             store.control, store.table, store.step, clusters.points, clusters.chord, found.run, found.feet, found.runs,
             pose, found.heading, 1.0 / options.sigma, self._along, options.missing / options.sigma, self._weight,

@@ -211,15 +211,17 @@ def jacobian(
     runs: Array, pose: Array, heading: float, across: float, along: float, missing: float, weight: float,
     residuals: Array, rows: Array,
 ) -> None:  # fmt: skip
-    """Fill whitened residuals (2 n,), across and along for each point, and their Jacobian (2 n, 3)."""
+    """Fill whitened residuals (3 n,) and their Jacobian (3 n, 3).
+
+    For each point those across and along its curve, and what the curve lacks of full trust, a constant.
+    """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
     turn_c = math.cos(heading)
     turn_s = math.sin(heading)
     factor = math.sqrt(weight)
-    for i in range(residuals.shape[0] // 2):
-        residuals[2 * i] = factor * missing
-        residuals[2 * i + 1] = 0.0
+    residuals[:] = 0.0
+    residuals[::3] = factor * missing
     rows[:] = 0.0
     da = np.empty(residuals.shape[0])
     cross = np.empty(3)
@@ -242,9 +244,10 @@ def jacobian(
                 control, start, count, first, q, pose[0] + rx, pose[1] + ry, across, along
             )  # fmt: skip
             ax, ay = _across(points, i, turn_c, turn_s, ax, ay)
-            residuals[2 * i] = root * a
-            residuals[2 * i + 1] = root * b
-            for row, jx, jy, d in ((2 * i, ax, ay, dao), (2 * i + 1, bx, by, dbo)):
+            residuals[3 * i] = root * a
+            residuals[3 * i + 1] = root * b
+            residuals[3 * i + 2] = factor * missing * math.sqrt(max(1.0 - runs[j, 5], 0.0))
+            for row, jx, jy, d in ((3 * i, ax, ay, dao), (3 * i + 1, bx, by, dbo)):
                 rows[row, 0] = jx
                 rows[row, 1] = jy
                 rows[row, 2] = rx * jy - ry * jx
@@ -254,7 +257,7 @@ def jacobian(
                     cross[k] += d * rows[row, k]
         for i in range(int(runs[j, 0]), int(runs[j, 1])):
             if run[i] == j:
-                for row in (2 * i, 2 * i + 1):
+                for row in (3 * i, 3 * i + 1):
                     for k in range(3):
                         eliminated = da[row] * cross[k] / hoo if hoo > 0.0 else 0.0
                         rows[row, k] = root * (rows[row, k] - eliminated)
