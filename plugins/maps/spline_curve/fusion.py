@@ -192,10 +192,14 @@ class Fusion:
             self._drop_copy(first, one, second, two)
             return
         self._changed[first] = joint
-        self._changed.pop(second, None)
-        self._gone.add(second)
-        self._moved[second] = (first, shift)
+        self._drop(second, first, shift)
         self.result.joined += 1
+
+    def _drop(self, number: int, other: int, shift: float) -> None:
+        """Forget a curve whose places are on `other` now, at parameters raised by `shift` [m]."""
+        self._changed.pop(number, None)
+        self._gone.add(number)
+        self._moved[number] = (other, shift)
 
     def _drop_copy(self, first: int, one: Curve, second: int, two: Curve) -> None:
         """Of two curves that cannot be joined, forget the one with less evidence if all of it lies on the other."""
@@ -203,17 +207,13 @@ class Fusion:
             first, one, second, two = second, two, first, one
         tau = _knots(two)
         there, distance = one.nearest(two(tau))
-        if distance.max() > self._gate:
-            return
-        self._changed.pop(second, None)
-        self._gone.add(second)
-        self._moved[second] = (first, float(np.median(there - tau)))
+        if distance.max() <= self._gate:
+            self._drop(second, first, float(np.median(there - tau)))
 
 
 def _knots(curve: Curve) -> F64:
     """Return the parameters at the ends of the curve's knot intervals."""
-    count = len(curve.control) - curve.basis.degree + 1
-    return np.asarray(curve.domain[0] + curve.basis.step * np.arange(count), np.float64)
+    return curve.basis.knots(len(curve.control))[curve.basis.degree : -curve.basis.degree]
 
 
 def _bent(part: Curve, joint: Curve) -> float:

@@ -231,6 +231,7 @@ def jacobian(
         start, count, first = int(table[number, 0]), int(table[number, 1]), int(table[number, 2])
         hoo = 0.0
         root = factor * math.sqrt(runs[j, 5])
+        lack = factor * missing * math.sqrt(max(1.0 - runs[j, 5], 0.0))
         cross[:] = 0.0
         for i in range(int(runs[j, 0]), int(runs[j, 1])):
             if run[i] != j:
@@ -246,7 +247,7 @@ def jacobian(
             ax, ay = _across(points, i, turn_c, turn_s, ax, ay)
             residuals[3 * i] = root * a
             residuals[3 * i + 1] = root * b
-            residuals[3 * i + 2] = factor * missing * math.sqrt(max(1.0 - runs[j, 5], 0.0))
+            residuals[3 * i + 2] = lack
             for row, jx, jy, d in ((3 * i, ax, ay, dao), (3 * i + 1, bx, by, dbo)):
                 rows[row, 0] = jx
                 rows[row, 1] = jy

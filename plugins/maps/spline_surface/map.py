@@ -172,8 +172,10 @@ class SplineSurface(PlaneMap):
                 raise ValueError(f"tiles of level {level} have shapes {where.shape} and {tiles.shape}")
             if tiles.dtype != self._kind:
                 log_odds = tiles * (self.config.clamp / UNITS) if tiles.dtype == np.int8 else tiles
-                whole = np.clip(np.rint(log_odds / self.unit), -UNITS, UNITS)
-                tiles = (whole if self._kind is np.int8 else log_odds).astype(self._kind)
+                if self._kind is np.int8:
+                    tiles = np.clip(np.rint(log_odds / self.unit), -UNITS, UNITS).astype(np.int8)
+                else:
+                    tiles = log_odds.astype(np.float32)
             surfaces.append(TiledArray.from_claimed(where, tiles))
         self._fused = int(facts["fused"])
         self.surfaces = surfaces
